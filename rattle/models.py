@@ -156,7 +156,7 @@ class Impacting(_EitherModel):
     """The impacting model at half-backlash beta > 0."""
 
     name = Model.IMPACTING
-    functions = impacting
+    functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
     in_closed_form = True  # A to D, and the regions and limits that follow from them
@@ -190,7 +190,7 @@ class Stiff(_EitherModel):
     kappa: float = 1e4
 
     name = Model.STIFF
-    functions = stiff
+    functions: ClassVar[Functions] = stiff
     classifier = StiffClassifier
     curve_names = stiff.NAMES
     in_closed_form = False

@@ -34,6 +34,22 @@ class Shown(Protocol):
         """Its table, columns of the same length by their names."""
 
 
+class Tabular:
+    """The part of a result that shows it: in a line, in a notebook as a table, and as a DataFrame."""
+
+    def __repr__(self: Shown) -> str:
+        return line_of(self)
+
+    def _repr_html_(self: Shown) -> str:
+        return html_of(self)
+
+    def to_dataframe(self: Shown) -> DataFrame:
+        """Return its table: a row for each attractor of basins, event of a diagram, impact of an orbit, or point of a
+        branch or a curve. Raises MissingExtraError without pandas.
+        """
+        return dataframe_of(self)
+
+
 def line_of(result: Shown) -> str:
     """What `repr` says of a result."""
     return f"<{result._caption()}>"

@@ -27,7 +27,7 @@ from rattle.attractors.table import (
 )
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
-from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
+from rattle.notebook import Columns, Dataset, Tabular, dataset_of
 from rattle.numerics.sampling import initial_conditions
 from rattle.numerics.states import box_of
 
@@ -70,13 +70,14 @@ class Plane:
         return float(speed_unit(*self.parameters[:3]))
 
     @property
-    def _arrays(self) -> list[Array]:
+    def arrays(self) -> list[Array]:
+        """The parameters, each (1,)."""
         return [np.array([x]) for x in self.parameters]
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """The states as samples of one cell, each followed to its end."""
         budget = budget_of(self.delta, tau.size)
-        return self.classifier.classify(self._arrays, tau[None].copy(), v[None].copy(), budget)
+        return self.classifier.classify(self.arrays, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The states after so many returns, and whether they have become quiet on the way."""
@@ -90,12 +91,13 @@ class Plane:
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
         """So many initial conditions."""
-        tau, v = initial_conditions(*self._arrays[:3], count, v_max, 0)
+        delta, epsilon, beta, *_ = self.arrays
+        tau, v = initial_conditions(delta, epsilon, beta, count, v_max, 0)
         return tau[0], v[0]
 
 
 @dataclass(frozen=True, repr=False)
-class Basins:
+class Basins(Tabular):
     """Basins of attraction on n × n cells of a box of (τ, v).
 
     tau, v (n,): centres of the cells (phase in forcing periods, dimensionless speed). labels (n, n), row by row of v:
@@ -123,16 +125,6 @@ class Basins:
 
     def _columns(self) -> Columns:
         return attractor_columns(self.attractors)
-
-    def __repr__(self) -> str:
-        return line_of(self)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """A row for each attractor, in the order of the labels. Raises MissingExtraError without pandas."""
-        return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
         """labels and steps over (v, tau). Raises MissingExtraError without xarray."""

@@ -8,7 +8,7 @@ the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -63,6 +63,10 @@ class Classifier(ABC):
     """The samples of a block of cells on their way, and what is known of the cells; a gear says how they go on."""
 
     model: ClassVar[str]  # its name, which says what kernels it needs
+    #: Cells with these parameters, all (n,): δ, ε, β and what the gear has besides, as kernels take them.
+    cells_of: ClassVar[Callable[..., Any]]
+    #: The largest v³/g that is certain to become quiet at one parameter point, 0 if speeds do not tell.
+    quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
         """Take cells as the kernels do, initial conditions of shape (n_cells, count), and the most impacts of one."""
@@ -79,11 +83,6 @@ class Classifier(ABC):
         self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
         self.enter_known_orbits()
 
-    @staticmethod
-    @abstractmethod
-    def cells_of(*parameters: NDArray[np.float64]) -> Any:
-        """Cells with these parameters, all (n,): δ, ε, β and what the gear has besides, as kernels take them."""
-
     @classmethod
     def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Any:
         """The same where only periodic orbits are followed."""
@@ -97,11 +96,6 @@ class Classifier(ABC):
         """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
         one that goes on bouncing is located there.
         """
-
-    @staticmethod
-    @abstractmethod
-    def quiet_invariant(*parameters: float) -> float:
-        """The largest v³/g that is certain to become quiet at one point, 0 if speeds do not tell."""
 
     @classmethod
     def classify(

@@ -15,7 +15,7 @@ from rattle.attractors.speeds import SpeedLimit, sampled_speed
 from rattle.attractors.table import CHAOTIC, MOST_SAMPLES, UNDECIDED, Attractor, Attractors, listed, of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
-from rattle.orbits.period_one import html_of_point
+from rattle.orbits.period_one import HasOrbits, html_of_point
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Sampled:
         for name in self._names:
             object.__setattr__(self, name, require_number(name, getattr(self, name), positive=name != "epsilon"))
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self: HasOrbits) -> str:
         return html_of_point(self)
 
     def attractors(
@@ -88,7 +88,7 @@ class Sampled:
         ParameterError. What a label means, with its error:
         docs/decisions/0026-labels.md.
         """
-        table = of_samples(self._classifier, self.states.parameters, count, v_max, seed, budget)
+        table = of_samples(self._classifier, self.states.arrays, count, v_max, seed, budget)
         return listed(table, table.samples)
 
     def basins(

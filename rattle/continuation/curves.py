@@ -23,7 +23,7 @@ from rattle.continuation.arclength import (
     with_values,
 )
 from rattle.errors import require, require_number, require_pair
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of
+from rattle.notebook import Columns, Tabular
 from rattle.numerics.complex_step import Array
 
 SAME_POINT = 1e-9
@@ -61,7 +61,7 @@ class Described(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Curve:
+class Curve(Tabular):
     """A bifurcation curve at half-backlash beta, n points in the order of its pieces; n = 0 where it does not exist.
 
     delta, epsilon (n,): the point; tau, v (n,): phase in [0, 1) and speed after the impact on Σ⁺ of the motion that
@@ -103,16 +103,6 @@ class Curve:
             "arclength": self.arclength,
             "piece": self.piece,
         }
-
-    def __repr__(self) -> str:
-        return line_of(self)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """A row for each point. Raises MissingExtraError without pandas."""
-        return dataframe_of(self)
 
     def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
         """Every ε of the curve at this damping, or every δ at this eccentricity: rising, each solved for to rounding.

@@ -28,14 +28,11 @@ from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.flight.law import wrapped
 from rattle.notebook import (
     Columns,
-    DataFrame,
     Dataset,
     Figure,
-    dataframe_of,
+    Tabular,
     dataset_of,
     figure_of,
-    html_of,
-    line_of,
 )
 from rattle.notebook import motion as label_of
 
@@ -91,7 +88,7 @@ class Piece:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagram(Generic[AnyBranch, AnyEvent]):
+class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta (dimensionless).
 
     segment: its ends, δ and ε first. position, delta, epsilon, kappa (n,): the steps, position as the fraction of the
@@ -133,24 +130,12 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
             "epsilon": [event.parameters[1] for event, _ in events],
         }
 
-    def __repr__(self) -> str:
-        return line_of(self)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
-
     def plot(self) -> Figure:
         """Draw speed and phase of the impacts on Σ⁺ against the parameter, as the paper's Figures 5 and 9.
 
         Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
         """
         return figure_of(self, "diagram_figure")
-
-    def to_dataframe(self) -> DataFrame:
-        """A row for each event: what happens to which motion, on which curve, and where. Raises MissingExtraError
-        without pandas.
-        """
-        return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
         """The impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps; a branch has
@@ -227,8 +212,7 @@ def diagram_of(
 
 def _motion_at(event: Any) -> str:
     """The label of the motion that an event is of."""
-    walls = tuple(event.itinerary.walls)
-    return label_of(event.itinerary.m, walls.count(1), walls.count(-1))
+    return label_of(*event.itinerary.label)
 
 
 def require_end(name: str, value: ArrayLike) -> Array:

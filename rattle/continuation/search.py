@@ -113,10 +113,9 @@ class Search:
         return -position, 1.0 - position
 
     def _allowed(self, itinerary: Equations) -> bool:
-        walls = itinerary.walls
-        allowed = len(walls) <= self.impacts and len(self.branches) < self.most
+        allowed = len(itinerary.walls) <= self.impacts and len(self.branches) < self.most
         if not allowed:
-            self.left_out.add((itinerary.m, walls.count(1), walls.count(-1)))
+            self.left_out.add(itinerary.label)
         return allowed
 
     def _follow(self, motion: Motion) -> None:

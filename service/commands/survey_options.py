@@ -151,7 +151,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
             fields["machine"] = machine
         if refine:
             fields["refine"] = refined or True
-        return SurveyRequest(**fields, initial_conditions=sample)
+        return SurveyRequest(**fields | {"initial_conditions": sample})
     except ValidationError as error:
         raise typer.BadParameter(place_and_reason(error)) from error
     except RattleError as error:

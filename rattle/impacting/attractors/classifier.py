@@ -46,7 +46,8 @@ class ImpactingClassifier(Classifier):
     @classmethod
     def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Cells:
         """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
-        return Cells(*parameters, np.zeros(parameters[0].size))
+        delta, epsilon, beta = parameters
+        return Cells(delta, epsilon, beta, np.zeros(delta.size))
 
     @staticmethod
     def iterated(

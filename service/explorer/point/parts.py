@@ -221,7 +221,7 @@ def diagram(
     rows = [
         (
             *(offset + scale * float(found.positions(event)), v, tau),
-            *(event.kind.value, found.curve_of(event) or "", name_of_type(_label(event.itinerary))),
+            *(event.kind.value, found.curve_of(event) or "", name_of_type(event.itinerary.label)),
         )
         for event in found.events
         for tau, v in zip(*impacts_at(event), strict=True)
@@ -232,7 +232,7 @@ def diagram(
     )
     events = tuple(
         Happening(
-            event.kind.value, found.curve_of(event) or "", name_of_type(_label(event.itinerary)),
+            event.kind.value, found.curve_of(event) or "", name_of_type(event.itinerary.label),
             float(event.parameters[0]), float(event.parameters[1]), event.orbit.multipliers,
         )
         for event in found.events
@@ -250,10 +250,6 @@ def diagram(
         seen.v[chosen],
         seen.tau[chosen],
     )
-
-
-def _label(itinerary: Any) -> tuple[int, int, int]:
-    return itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
 
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
