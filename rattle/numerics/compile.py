@@ -286,6 +286,5 @@ def require_borrowed() -> None:
 def _holds_array(kind: Any) -> bool:
     if isinstance(kind, types.Optional):
         return _holds_array(kind.type)
-    return isinstance(kind, types.Array) or (
-        isinstance(kind, types.BaseTuple) and any(_holds_array(kind[i]) for i in range(len(kind)))
-    )
+    parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
+    return isinstance(kind, types.Array) or any(_holds_array(each) for each in parts)
