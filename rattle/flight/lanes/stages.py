@@ -29,6 +29,7 @@ from rattle.flight.tangent import STUCK, carried, rests
 from rattle.numerics.compile import inline, kernel
 
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
+LEAST = -np.finfo(np.float64).max  # of all numbers
 
 
 @inline
@@ -139,6 +140,16 @@ def copy_to_double(b, groups):
         b.sure[i] = np.float64(b.proved[i])
 
 
+@inline
+def keep_or_take(go, new, old):
+    """Return the new number if the lane goes on, else the old one.
+
+    LLVM makes a masked store of a choice that goes back to where the old number came from, and without AVX-512 these
+    are slow. The maximum, which changes no number, hides from LLVM where it came from.
+    """
+    return new if go else max(old, LEAST)
+
+
 def _land(tangent):
     """The stage that moves the lanes to the impact; a constant of the closure, the branch leaves the loop."""
 
@@ -163,16 +174,15 @@ def _land(tangent):
                 b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
             later, back = folded(tau + s), -w1
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
-            plus, minus = plus if go else 0.0, minus if go else 0.0
-            b.tau[i] = later if go else tau
-            b.w[i] = back if go else flight.w
-            b.wall[i] = target if go else wall
+            b.tau[i] = keep_or_take(go, later, tau)
+            b.w[i] = keep_or_take(go, back, flight.w)
+            b.wall[i] = keep_or_take(go, target, wall)
             if not tangent:
-                b.time[i] += s if go else 0.0
-            b.sin0[i] = sin1 if go else flight.sin0
-            b.cos0[i] = cos1 if go else flight.cos0
-            b.n_plus[i] += plus
-            b.n_minus[i] += minus
+                b.time[i] = keep_or_take(go, b.time[i] + s, b.time[i])
+            b.sin0[i] = keep_or_take(go, sin1, flight.sin0)
+            b.cos0[i] = keep_or_take(go, cos1, flight.cos0)
+            b.n_plus[i] = keep_or_take(go, b.n_plus[i] + plus, b.n_plus[i])
+            b.n_minus[i] = keep_or_take(go, b.n_minus[i] + minus, b.n_minus[i])
 
     return land
 
@@ -191,9 +201,9 @@ def carry(b, groups):
             t0, q0, -b.w[i], b.bend[i], b.lost[i], sin0, cos0, sin1, cos1, b.inverse_delta[i], b.epsilon[i]
         )
         det1 = det0 * det
-        b.t_tangent[i] = t1 if go else t0
-        b.w_tangent[i] = q1 if go else q0
-        b.determinant[i] = det1 if go else det0
+        b.t_tangent[i] = keep_or_take(go, t1, t0)
+        b.w_tangent[i] = keep_or_take(go, q1, q0)
+        b.determinant[i] = keep_or_take(go, det1, det0)
         b.time[i] = time0 + b.s[i]
 
 
