@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.samples import LEFT, ORBIT, Balls, Orbits, Samples, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
+from rattle.flight.impact_law import log_determinant
 from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
@@ -133,7 +134,8 @@ def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """
     for cell in range(n.size):
         for j in range(n[cell]):
-            first, second = log_multipliers(trace[cell, j], -cells.delta[cell])
+            log_det = log_determinant(cells.delta[cell], 1.0, n_plus[cell, j] + n_minus[cell, j])
+            first, second = log_multipliers(trace[cell, j], log_det)
             remember(1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits)
 
 

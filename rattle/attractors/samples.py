@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import DRIFT, TWO_PI, wrapped
+from rattle.flight.forcing import DRIFT, largest_slope
+from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline
 
 LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
@@ -128,7 +129,7 @@ def capturing_orbit(tau, v, cell, balls):
 @inline
 def top_speed(epsilon, unit):
     """The largest speed of a footprint: beyond are few, if any."""
-    return min(DRIFT + TWO_PI * epsilon, HIGHEST * unit)
+    return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 
 @inline

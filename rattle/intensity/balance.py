@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
 from rattle.flight.first_impact import OK
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import mean_force
 from rattle.intensity.motions import ENDLESS
 from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, summed
 from rattle.numerics.compile import kernel
@@ -33,7 +33,7 @@ def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
         returns = n_plus[i] if periodic[i] else ENDLESS
         periods = math.inf if periodic[i] else max(PERIODS, RELAXATIONS / point.delta)
         status, _tau, _v, _time = summed(tau[i], v[i], returns, periods, MOST_IMPACTS, point, sums)
-        balance = 0.5 * sums[0, IMPULSE] / (TWO_PI * point.delta * sums[0, TIME])
+        balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force(point.delta) * sums[0, TIME])
         found[i] = abs(balance - 1.0) if status == OK else math.nan
 
 

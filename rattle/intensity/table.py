@@ -10,7 +10,8 @@ from rattle.attractors.chaos import BATCHES
 from rattle.attractors.classify import PERIODS, WATCH
 from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, Attractors
 from rattle.flight.first_impact import OK
-from rattle.flight.law import DRIFT, wrapped
+from rattle.flight.forcing import mean_force
+from rattle.flight.law import wrapped
 from rattle.intensity.intensity import half_widths, rates
 from rattle.intensity.motions import CLOSED, ENDLESS
 from rattle.intensity.visit import COLUMNS, FASTEST, TIME, summed
@@ -84,7 +85,10 @@ def intensities_of(table: Attractors, cells: Any, stretch: Stretch) -> Intensiti
     """
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
     quiet = table.kind == QUIET
-    found[:EXACT, quiet] = [*(np.full(quiet.sum(), x) for x in OF_QUIET), 0.5 * DRIFT * cells.delta[table.cell[quiet]]]
+    found[:EXACT, quiet] = [
+        *(np.full(quiet.sum(), x) for x in OF_QUIET),
+        0.5 * mean_force(cells.delta[table.cell[quiet]]),
+    ]
     found[EXACT:, quiet] = 0.0
 
     periodic = np.flatnonzero(table.kind == PERIODIC)

@@ -12,7 +12,7 @@ from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import NATURAL, sampled_speeds
 from rattle.attractors.table import LARGEST_BUDGET, QUIET, UNDECIDED
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import least_damping
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.machine import Machine
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
@@ -221,8 +221,3 @@ class _Solver:
             else:
                 outside = middle
         return inside, outside
-
-
-def least_damping(epsilon: float) -> float:
-    """δ at which ε is the quiet limit: the contact force vanishes at one phase."""
-    return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf

@@ -6,7 +6,7 @@ from depth import either
 
 import rattle
 from rattle.flight import law
-from rattle.flight.law import DRIFT
+from rattle.flight.forcing import DRIFT
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.quiet import capture_invariant
 

@@ -23,7 +23,8 @@ import numpy as np
 
 import rattle
 from rattle.attractors.table import CHAOTIC, UNDECIDED, tabulated
-from rattle.flight.law import DRIFT, contact_force, natural_speed
+from rattle.flight.forcing import DRIFT, contact_force
+from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import impact
 from rattle.impacting.map.quiet import capture_invariant

@@ -15,7 +15,7 @@ from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
@@ -36,7 +36,7 @@ class ImpactingClassifier(Classifier):
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         with np.errstate(over="ignore"):  # of a subnormal δ
-            self._roughness = cells.epsilon * np.hypot(TWO_PI, cells.delta) / cells.delta
+            self._roughness = Forcing(cells.epsilon).relative_swing(cells.delta)
         super().__init__(cells, tau, v, budget)
 
     model = "impacting"

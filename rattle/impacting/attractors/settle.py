@@ -21,6 +21,7 @@ from rattle.attractors.samples import (
     mark,
     top_speed,
 )
+from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
@@ -34,7 +35,7 @@ from rattle.flight.lanes.block import (
     stretched,
 )
 from rattle.flight.lanes.stages import advance
-from rattle.flight.law import DRIFT, contact_force, speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import between, point_of

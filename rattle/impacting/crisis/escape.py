@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rattle.attractors.classify import begun
 from rattle.attractors.samples import LEFT, QUIET
 from rattle.errors import RattleError
-from rattle.flight.law import DRIFT
+from rattle.flight.forcing import DRIFT
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.crisis.contact import Crisis
 from rattle.impacting.map.impact_map import impact_tangent

@@ -8,7 +8,9 @@ import math
 from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, contact_force, folded, versines
+from rattle.flight.forcing import DRIFT, contact_force, phase_at
+from rattle.flight.impact_law import impulse_of, reflected
+from rattle.flight.law import folded
 from rattle.flight.tangent import MOST_BOUNCES, STUCK, flight_tangent, rests
 from rattle.intensity.visit import bounce
 from rattle.numerics.compile import for_type, kernel
@@ -27,7 +29,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
             return status, tau, abs(w), elapsed, n_minus
         elapsed += s
         tau = folded(tau + s)
-        w = -w1
+        w = reflected(w1)
         if wall > 0:
             return OK, tau, w1, elapsed, n_minus
         n_minus += 1
@@ -52,7 +54,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         k00, k01, k10, k11 = flight_tangent(w1, lost, s1, c1, flight)
-        w = -w1
+        w = reflected(w1)
         if energy:  # e = w²/2: de = w dw
             k01, k10, k11 = k01 / w0, k10 * w, k11 * w / w0
         log_det += math.log(abs(k00 * k11 - k01 * k10))
@@ -103,12 +105,12 @@ def _inverse_step(tau, v, point):
 
 @for_type(bounce, Point)
 def _bounce(wall, tau, w, point):
-    omc, sine, _defect = versines(tau)
-    force = contact_force(sine, 1.0 - omc, point.delta, point.epsilon, DRIFT)
+    sine, cosine = phase_at(tau)
+    force = contact_force(sine, cosine, point.delta, point.epsilon, DRIFT)
     captured = wall > 0 and abs(w * w * w) <= point.quiet_invariant * force
     if captured or rests(wall, w, tau, point.delta, point.epsilon, DRIFT):
         return STUCK, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
     status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(
         wall, tau, w, point.delta, point.epsilon, point.beta, DRIFT
     )
-    return status, s, wall, abs(w1), 0.0, 2.0 * abs(w1), abs(w1)
+    return status, s, wall, abs(w1), 0.0, impulse_of(abs(w1)), abs(reflected(w1))

@@ -14,6 +14,7 @@ from depth import either
 import rattle
 from rattle.flight import coefficients, generate_coefficients
 from rattle.flight.first_impact import safe_impact
+from rattle.flight.forcing import DRIFT, TWO_PI, negative_arc
 from rattle.flight.guess import (
     ERROR,
     depth,
@@ -25,7 +26,7 @@ from rattle.flight.guess import (
     speed_scale,
     taylor,
 )
-from rattle.flight.law import DRIFT, TWO_PI, evaluate, evaluate32, evaluate_short, leaving, negative_arc
+from rattle.flight.law import evaluate, evaluate32, evaluate_short, leaving
 from rattle.flight.proof import arc_in_single, lowest_point, single_turn
 from rattle.impacting.map import impact_map
 
