@@ -14,17 +14,9 @@ from numpy.typing import NDArray
 
 from rattle.attractors.cell_map import Box, cell_of, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import SAME_POINT
-from rattle.attractors.table import (
-    CHAOTIC,
-    QUIET,
-    UNDECIDED,
-    Attractor,
-    Attractors,
-    attractor_columns,
-    listed,
-    tabulated,
-)
+from rattle.attractors.table import Attractor, Attractors, attractor_columns, listed, tabulated
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, Dataset, Tabular, dataset_of
@@ -147,7 +139,7 @@ def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[
 def _without_chaos(steps: NDArray[np.int64], table: Attractors, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Steps to convergence, −1 where none is seen."""
     kind = table.kind[rows]
-    return np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, steps)
+    return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
@@ -208,7 +200,7 @@ class States:
         near = SAME_POINT * self.plane.unit
         same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
         same[reached, np.arange(reached.size)] = True
-        same |= (here.kind == QUIET) | (here.kind == UNDECIDED)
+        same |= (here.kind == Outcome.QUIET) | (here.kind == Outcome.UNDECIDED)
         for x, y in zip(there[1:5], here[1:5], strict=True):  # kind, m, n₊, n₋
             same &= x == y
         row = np.full(table.kind.size, -1)

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.samples import LEFT, ORBIT, Balls, Orbits, Samples, capturing_orbit, mark, top_speed
+from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Balls, Orbits, Samples, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.impact_law import log_determinant
 from rattle.flight.law import speed_unit, wrapped
@@ -162,7 +163,7 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
                 if orbit < 0:
                     orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
             samples.pause[k] = 2 * samples.impacts[k] + 2 * gap  # what only seems to recur is tried a few times
-        samples.status[k] = ORBIT if orbit >= 0 else LEFT
+        samples.status[k] = Outcome.PERIODIC if orbit >= 0 else Outcome.UNRESOLVED
         samples.orbit[k] = orbit
     return n
 
@@ -170,7 +171,7 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
 def resolve(
     which: NDArray[np.int64], cells: Any, samples: Samples, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Find the orbits that recurrent samples go to: ORBIT, or LEFT if there is none, to go on with a pause.
+    """Find the orbits that recurrent samples go to: PERIODIC, or UNRESOLVED if there is none, to go on with a pause.
 
     Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
     grown[cell] on are, or while the cell has no room for one more.

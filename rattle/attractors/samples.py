@@ -11,7 +11,6 @@ from rattle.flight.forcing import DRIFT, largest_slope
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline
 
-LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
 GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
 HIGHEST = 14.0  # units of speed in which a footprint ends
 RECURRENCE = 1e-6  # a return this close is worth a Newton iteration

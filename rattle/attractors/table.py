@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import pooled
 from rattle.attractors.classify import BUDGET, Classifier
-from rattle.attractors.rows import CHAOTIC, PERIODIC, QUIET, UNDECIDED, rows_of
-from rattle.attractors.samples import LEFT, ORBIT
-from rattle.attractors.samples import QUIET as SETTLED_QUIET
+from rattle.attractors.outcome import Outcome
+from rattle.attractors.rows import rows_of
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.errors import require, require_integer
 from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of
@@ -51,7 +50,7 @@ class Attractor:
     @property
     def name(self) -> str:
         """What it is in a word: the label of a periodic motion without blanks, or the kind."""
-        return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[PERIODIC] else self.kind
+        return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[Outcome.PERIODIC] else self.kind
 
     def _repr_html_(self) -> str:
         return html(self.name, attractor_columns((self,)))
@@ -138,15 +137,15 @@ class Attractors(NamedTuple):
 def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Kind of every sample, and which orbit or chaotic attractor of its cell it goes to."""
     status = classifier.samples.status
-    kind = np.full(status.size, UNDECIDED)
-    kind[status == SETTLED_QUIET], kind[status == ORBIT] = QUIET, PERIODIC
-    which = np.where(status == ORBIT, classifier.samples.orbit, 0)
+    kind = np.full(status.size, Outcome.UNDECIDED)
+    kind[status == Outcome.QUIET], kind[status == Outcome.PERIODIC] = Outcome.QUIET, Outcome.PERIODIC
+    which = np.where(status == Outcome.PERIODIC, classifier.samples.orbit, 0)
     chaotic = [(i, each.samples) for chaos in classifier.chaos.values() for i, each in enumerate(chaos)]
     if chaotic:
         number, samples = zip(*chaotic, strict=True)
         on, of = np.concatenate(samples), np.repeat(number, [each.size for each in samples])
-        left = status[on] == LEFT
-        kind[on[left]], which[on[left]] = CHAOTIC, of[left]
+        left = status[on] == Outcome.UNRESOLVED
+        kind[on[left]], which[on[left]] = Outcome.CHAOTIC, of[left]
     return kind, which
 
 
@@ -159,8 +158,8 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
     row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
     rows = rows_of(kind, which, samples.impacts, samples.time, known, row)
     cell, kind, which, one, number, impacts, watched = rows
-    watched[(kind != CHAOTIC) & (kind != UNDECIDED)] = np.nan
-    periodic = kind == PERIODIC
+    watched[(kind != Outcome.CHAOTIC) & (kind != Outcome.UNDECIDED)] = np.nan
+    periodic = kind == Outcome.PERIODIC
 
     def of_orbit(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
         column = np.minimum(which, values.shape[1] - 1)
@@ -168,7 +167,7 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
 
     first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
-    chaotic = np.flatnonzero(kind == CHAOTIC)
+    chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     if chaotic.size:
         found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
         first[chaotic], second[chaotic], error[chaotic] = pooled([each.sums for each in found])

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
+from rattle.attractors.outcome import Outcome
+from rattle.attractors.table import Attractors, tabulated
 from rattle.continuation.motions import Motions
 
 FORWARD, BACKWARD = 0, 1
@@ -96,7 +97,7 @@ class Sweeps:
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
         for cell, kind, m, n_plus, n_minus, samples, tau, v in zip(*table[:8], strict=True):
-            if kind not in (QUIET, UNDECIDED):
+            if kind not in (Outcome.QUIET, Outcome.UNDECIDED):
                 label = int(m), int(n_plus), int(n_minus)
                 self.known[cell].append(Known(int(kind), label, float(tau), float(v), sampled=bool(samples)))
 
@@ -157,16 +158,16 @@ class Sweeps:
         kind = int(table.kind[row])
         same = [known for known, other in zip(here, rows[1:], strict=True) if other == row]
         before = [any(known.reached) if run.stops_at_known else known.reached[run.direction] for known in same]
-        if kind == QUIET or any(before):
+        if kind == Outcome.QUIET or any(before):
             self._runs.remove(run)
             last = run.step - STEP[run.direction]
             self._begin(run.trail.get(last), 1 - run.direction, last, run.trail)
             again = run.step if run.trail else run.step + STEP[run.direction]
-            if kind == QUIET:
+            if kind == Outcome.QUIET:
                 self._begin(run.back.get(again), run.direction, again, run.back)
             return
         label = int(table.m[row]), int(table.n_plus[row]), int(table.n_minus[row])
-        if kind == PERIODIC:
+        if kind == Outcome.PERIODIC:
             end = float(table.tau[row]), float(table.v[row])
         if not same:
             same = [Known(kind, label, *end, sampled=False)]
@@ -185,8 +186,8 @@ class Sweeps:
         visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
         step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
-        label[kind != PERIODIC] = 0
-        size = np.where(kind == PERIODIC, label[:, 1], chaotic)
+        label[kind != Outcome.PERIODIC] = 0
+        size = np.where(kind == Outcome.PERIODIC, label[:, 1], chaotic)
         owner, tau, v = self._impacts(visits, size, tuple(x[step] for x in self.steps))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]

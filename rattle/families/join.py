@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.classify import Classifier
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors, of_samples
+from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters, real_array, require, require_number
 from rattle.families.footprints import overlaps
 from rattle.families.spread import NOWHERE, Linked, Rectangle, lead, spread
@@ -73,7 +74,7 @@ def _joined(
     table: Attractors, shape: tuple[int, int], cells: Any
 ) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64], Sums]:
     orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    periodic = np.flatnonzero(table.kind == PERIODIC)
+    periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = together(table, entered(orbits, periodic.size, n))
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # of each orbit
     component = components(attractors, row, orbits, shape, cells)
@@ -103,14 +104,14 @@ def components(
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
-    chaotic = np.flatnonzero(table.kind == CHAOTIC)
+    chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
     overlap = overlaps(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
     pairs = zip(linked(orbits, row.size, cells), overlap, strict=True)
     one, other = (np.append(row[orbit], chaotic[chaos]) for orbit, chaos in pairs)
     graph = coo_array((np.ones(one.size, np.int8), (one, other)), (table.cell.size,) * 2)
     component = 1 + connected_components(graph, directed=False)[1].astype(np.int64)
-    component[table.kind == QUIET] = QUIET_FAMILY
-    component[table.kind == UNDECIDED] = NO_FAMILY
+    component[table.kind == Outcome.QUIET] = QUIET_FAMILY
+    component[table.kind == Outcome.UNDECIDED] = NO_FAMILY
     return component
 
 
@@ -120,7 +121,7 @@ def continued(table: Attractors, columns: int, inside: Rectangle, cells: Any, fi
 
     first: of the periodic orbits that are continued; those before it have been.
     """
-    periodic = np.flatnonzero(table.kind == PERIODIC)
+    periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
     orbits = room_for(n + n // 4 + 64, cells[0].size)
     for column, values in zip(orbits[:8], (table[i] for i in (0, 2, 3, 4, 6, 7, 8, 9)), strict=True):
@@ -189,7 +190,7 @@ def entered(orbits: Linked, n_known: int, n: int) -> Attractors:
     zeros = np.zeros(many, np.int64)
     return Attractors(
         cell=orbits.cell[new].astype(np.int64),
-        kind=np.full(many, PERIODIC),
+        kind=np.full(many, Outcome.PERIODIC),
         m=orbits.m[new].astype(np.int64),
         n_plus=orbits.n_plus[new].astype(np.int64),
         n_minus=orbits.n_minus[new].astype(np.int64),

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import PERIODIC, Attractors
+from rattle.attractors.outcome import Outcome
+from rattle.attractors.table import Attractors
 from rattle.families.join import components, continued, entered, longer, room_for, spread_all, together
 from rattle.families.spread import Rectangle, enter
 
@@ -31,7 +32,7 @@ class Piece:
 
     def learn(self, table: Attractors) -> None:
         """Take the periodic rows of a table of cells of which none were known, and continue what is new."""
-        table = Attractors._make(x[table.kind == PERIODIC] for x in table)
+        table = Attractors._make(x[table.kind == Outcome.PERIODIC] for x in table)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:
             self.orbits = longer(self.orbits)
@@ -51,7 +52,7 @@ def entering(
 
     Rows of one cell are side by side. tried: those inside have been continued before.
     """
-    n, m = (int(np.count_nonzero(table.kind == PERIODIC)) for table in (inside, beside))
+    n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
     return entered(orbits, n + m, end)
 
@@ -61,4 +62,4 @@ def connected(table: Attractors, shape: tuple[int, int], cells: Any) -> NDArray[
     their order.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    return components(table, np.flatnonzero(table.kind == PERIODIC), orbits, shape, cells)
+    return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
+from rattle.attractors.outcome import Outcome
+from rattle.attractors.table import Attractors
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import mean_force
 from rattle.intensity.motions import ENDLESS
@@ -42,9 +43,9 @@ def impulse_balance_errors(table: Attractors, cells: Any) -> NDArray[np.float64]
     rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one. cells: as the kernels take them.
     """
     errors = np.full(table.cell.size, np.nan)
-    rows = np.flatnonzero((table.kind == PERIODIC) | (table.kind == CHAOTIC))
+    rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))
     found = np.empty(rows.size)
-    columns = (x[rows] for x in (table.cell, table.kind == PERIODIC, table.n_plus, table.tau, table.v))
+    columns = (x[rows] for x in (table.cell, table.kind == Outcome.PERIODIC, table.n_plus, table.tau, table.v))
     imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
     errors[rows] = found
     return errors

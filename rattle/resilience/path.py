@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.reached import states_of
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import CHAOTIC, KINDS, MOST_SAMPLES, PERIODIC, QUIET, Attractor, Attractors, tabulated
+from rattle.attractors.table import KINDS, MOST_SAMPLES, Attractor, Attractors, tabulated
 from rattle.errors import require, require_integer
 from rattle.flight.law import wrapped
 from rattle.models import AnyGear, Columns, model_at
@@ -182,7 +183,7 @@ class _Changes:
         told: dict[tuple[int, int, bool], Change] = {}
         for chaotic in (False, True):
             for each in found:
-                if (self.rows.kind[self._row(*each)] == CHAOTIC) == chaotic:
+                if (self.rows.kind[self._row(*each)] == Outcome.CHAOTIC) == chaotic:
                     told[each] = self._told(*each, told)
         return sorted(told.values(), key=lambda change: (change.step, change.low, change.family))
 
@@ -193,11 +194,11 @@ class _Changes:
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points[where]), gear_at(self.points[away]))
         end = End(UNKNOWN, 0.0, 1.0)
-        if kind == QUIET:
+        if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
             return self._change(family, step, begins, End(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
         other = self._goes_to(row, away, *gears)
-        if kind == PERIODIC:
+        if kind == Outcome.PERIODIC:
             label = tuple(int(column[row]) for column in self.rows[2:5])
             orbit = Orbit((label[0], label[1], label[2]), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = end_of(self.points[where], self.points[away], orbit)
@@ -222,15 +223,15 @@ class _Changes:
         chaotic and there is none.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
-        if self.rows.kind[row] == CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
+        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
             return -1  # what is on its way to rest there makes impacts without end
-        many = CHAOTIC_STATES if self.rows.kind[row] == CHAOTIC else 1
+        many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
         for family, other in self.here[step].items():
             if self._is(goes, other, unit_of(there)):
                 return family
-        return CHAOS_THERE if goes.kind == KINDS[CHAOTIC] else -1
+        return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
         """The family at a step that an orbit belongs to, −1 if it is not listed there."""
@@ -248,4 +249,4 @@ class _Changes:
         if (KINDS[kind], m, plus, minus) != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False
         far = abs(wrapped(goes.tau - self.rows.tau[row])), abs(goes.v - self.rows.v[row]) / unit
-        return kind != PERIODIC or max(far) < SAME_POINT
+        return kind != Outcome.PERIODIC or max(far) < SAME_POINT
