@@ -1,28 +1,9 @@
-"""The tangent of one flight and its reflection, and whether a motion leaves the wall at all (compiled)."""
+"""The tangent of one flight and of the impact at its end (compiled)."""
 
-import math
-
-from rattle.flight.forcing import TWO_PI, contact_force, derivatives_by_departure
+from rattle.flight.forcing import derivatives_by_departure
 from rattle.flight.impact_law import determinant_of_impact, reflected_change
 from rattle.flight.law import second_derivative
-from rattle.numerics.compile import inline, kernel
-
-STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
-MOST_BOUNCES = 100_000
-SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
-
-
-@kernel
-def rests(wall, w, tau, delta, epsilon, drift):
-    """True if the motion does not leave the wall: no speed into the gap, and a contact force that presses on the wall.
-
-    A graze arrives with no speed and leaves at once, because the force points into the gap.
-    """
-    if wall * w < -SLOWEST:
-        return False
-    theta = TWO_PI * tau
-    force = contact_force(math.sin(theta), math.cos(theta), delta, epsilon, drift)
-    return not (w == 0.0 and wall * force < 0.0)
+from rattle.numerics.compile import inline
 
 
 @inline

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.reached import Sampled
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit
 from rattle.errors import RattleError, require, require_finite, require_number
-from rattle.flight import first_impact, forcing, law
+from rattle.flight import contact_phase, first_impact, forcing, law
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map import impact_map
@@ -39,7 +39,7 @@ class FirstImpact(NamedTuple):
 
 def _raise_for(status: int) -> None:
     """Turn a kernel's status code into an exception."""
-    if status == impact_map.STUCK:
+    if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
         raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
     if status == first_impact.NO_IMPACT:
         raise RattleError(

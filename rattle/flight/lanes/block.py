@@ -6,9 +6,9 @@ from itertools import accumulate
 import numpy as np
 from numpy import float32 as f32
 
+from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
 from rattle.flight.forcing import DRIFT, Arc, negative_arc, phase_at, plus_slope, swings_beyond
 from rattle.flight.law import Flight
-from rattle.flight.tangent import MOST_BOUNCES, STUCK
 from rattle.numerics.compile import inline, kernel
 
 LANES, GROUP = 192, 16  # lanes are flown in groups, as many as are in use
@@ -181,7 +181,7 @@ def empty(b):
 def ended(b, i):
     """True if lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
-        b.stuck[i], b.limit[i] = STUCK, -1.0
+        b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
 
 

@@ -9,6 +9,7 @@ alone to `first_impact.safe_impact`. docs/kernel.md explains.
 import numpy as np
 from numpy import float32 as f32
 
+from rattle.flight.contact_phase import IN_CONTACT, stays_in_contact
 from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
 from rattle.flight.forcing import DRIFT, Q, plus_slope32
 from rattle.flight.guess import (
@@ -27,7 +28,7 @@ from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, fli
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import evaluate_short, folded, second_derivative
 from rattle.flight.proof import clears_the_gap, is_located, single_turn
-from rattle.flight.tangent import STUCK, carried, rests
+from rattle.flight.tangent import carried
 from rattle.numerics.compile import inline, kernel
 
 
@@ -209,10 +210,10 @@ def carry(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Fly lane i by the search that cannot skip a crossing, unless it rests."""
+    """Fly lane i by the search that cannot skip a crossing, unless it is in contact that lasts."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
-    if rests(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
-        b.stuck[i], b.limit[i] = STUCK, -1.0
+    if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
+        b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
         return
     paths[SAFE] += 1
     status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, b.tau[i], flight, 0.5 * b.gap[i])

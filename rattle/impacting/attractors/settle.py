@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from rattle.attractors.chaos import BATCHES
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.samples import ALIGNMENT, RECURRENCE, capturing_orbit, mark, top_speed
+from rattle.flight.contact_phase import is_captured
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (
     GROUP,
@@ -45,16 +46,16 @@ class Cells(NamedTuple):
 
 
 @inline
-def is_captured(b, i, capture):
-    """True if the bounce of lane i, on Σ⁺, is certain to become quiet (`rattle.impacting.map.quiet`)."""
-    delta, epsilon, v = b.delta[i], b.epsilon[i], -b.w[i]
-    return v * v * v <= capture * contact_force(b.sin0[i], b.cos0[i], delta, epsilon, DRIFT)
+def is_quiet(b, i, largest_invariant):
+    """True if the bounce of lane i, on Σ⁺, is certain to become quiet."""
+    force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
+    return is_captured(-b.w[i], force, largest_invariant)
 
 
 @inline
 def fate(b, i, cell, cells, balls):
     """What has become of lane i, on Σ⁺: (status, orbit)."""
-    if is_captured(b, i, cells.quiet_invariant[cell]):
+    if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
     return (Outcome.PERIODIC, orbit) if orbit >= 0 else (Outcome.UNRESOLVED, -1)

@@ -2,11 +2,11 @@
 
 import math
 
+from rattle.flight.contact_phase import stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT
 from rattle.flight.impact_law import reflected
 from rattle.flight.law import evaluate, folded
-from rattle.flight.tangent import rests
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
@@ -22,7 +22,7 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
     wall, w, now, phase = SIGMA_PLUS, -v, 0.0, tau
     i, impacts = 0, 0
     while i < time.size:
-        if (wall > 0 and abs(w) < slowest) or rests(wall, w, phase, delta, epsilon, DRIFT):
+        if (wall > 0 and abs(w) < slowest) or stays_in_contact(wall, w, phase, delta, epsilon, DRIFT):
             phi[i:], velocity[i:] = wall * beta, 0.0
             return OK, impacts, now
         status, s, target, w1, _l, flight, _s1, _c1 = first_impact(wall, phase, w, delta, epsilon, beta, DRIFT)
