@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from rattle.errors import require, require_integer
 from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.numerics.states import box_of
+from rattle.numerics.struct_of_arrays import StructOfArrays
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 MOST_SAMPLES = 1 << 20
@@ -95,7 +96,8 @@ class AttractorTuple(tuple[Attractor, ...]):
         return html(f"{len(self)} attractors", self._columns())
 
 
-class Attractors(NamedTuple):
+@dataclass(frozen=True, repr=False, eq=False)
+class AttractorTable(StructOfArrays):
     """The attractors of many cells, all arrays (n,): cell by cell, in each by falling number of samples.
 
     kind indexes KINDS. impacts: those on Σ⁺ that its samples made. watched: forcing periods for which a chaotic one, or
@@ -117,11 +119,18 @@ class Attractors(NamedTuple):
     impacts: NDArray[np.int64]
     watched: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a table without rows."""
+        number, real = np.zeros(0, np.int64), np.zeros(0)
+        whole = dict.fromkeys(("cell", "kind", "m", "n_plus", "n_minus", "samples", "impacts"), number)
+        return cls(**whole, **dict.fromkeys(("tau", "v", "first", "second", "error", "watched"), real))
+
     def _caption(self) -> str:
         return f"{self.cell.size} attractors of {np.unique(self.cell).size} cells"
 
     def _columns(self) -> Columns:
-        return self._asdict() | {"kind": np.array(KINDS)[self.kind]}
+        return self.columns() | {"kind": np.array(KINDS)[self.kind]}
 
     def __repr__(self) -> str:
         return line_of(self)
@@ -132,6 +141,10 @@ class Attractors(NamedTuple):
     def to_dataframe(self) -> DataFrame:
         """A row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
+
+
+#: The name under which others know it so far.
+Attractors = AttractorTable
 
 
 def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -149,7 +162,7 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return kind, which
 
 
-def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors, NDArray[np.int64]]:
+def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
     """One row for every attractor of every cell, and the row of every sample; missed: stable orbits that are known and
     that no sample went to have rows too.
     """
@@ -175,10 +188,24 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
     m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
     tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
-    columns = cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts, watched
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
-    return Attractors._make(x[order] for x in columns), place[row]
+    table = AttractorTable(
+        cell=cell,
+        kind=kind,
+        m=m,
+        n_plus=n_plus,
+        n_minus=n_minus,
+        samples=number,
+        tau=tau,
+        v=v,
+        first=first,
+        second=second,
+        error=error,
+        impacts=impacts,
+        watched=watched,
+    )
+    return table.take(order), place[row]
 
 
 def of_samples(
@@ -190,7 +217,7 @@ def of_samples(
     budget: int = BUDGET,
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
-) -> Attractors:
+) -> AttractorTable:
     """The attractors of cells with these parameters (δ, ε, β and what the gear has besides), by its classifier. tau,
     v_min: the box of states that the sample is of begins and ends there. Raises ParameterError.
     """
@@ -210,7 +237,7 @@ def of_samples(
     return table
 
 
-def listed(table: Attractors, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
+def listed(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
     """The rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the table's."""
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)

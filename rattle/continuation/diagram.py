@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speeds
-from rattle.attractors.table import KINDS, Attractors
+from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
@@ -109,7 +109,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     branches: tuple[AnyBranch, ...]
     events: tuple[AnyEvent, ...]
     points: Points
-    sampled: Attractors
+    sampled: AttractorTable
     small: tuple[Piece, ...]
     left_out: tuple[tuple[int, int, int], ...]
 

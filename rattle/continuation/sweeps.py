@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.table import Attractors, tabulated
+from rattle.attractors.table import AttractorTable, tabulated
 from rattle.continuation.motions import Motions
 
 FORWARD, BACKWARD = 0, 1
@@ -91,15 +91,15 @@ class _Run:
 class Sweeps:
     """Sweeps over steps of a model; to begin with, a table of what samples find there is known, cell by cell."""
 
-    def __init__(self, model: Motions, steps: tuple[Array, ...], table: Attractors) -> None:
+    def __init__(self, model: Motions, steps: tuple[Array, ...], table: AttractorTable) -> None:
         self.model, self.steps = model, steps
         self.known: list[list[Known]] = [[] for _ in steps[0]]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
-        for cell, kind, m, n_plus, n_minus, samples, tau, v in zip(*table[:8], strict=True):
-            if kind not in (Outcome.QUIET, Outcome.UNDECIDED):
-                label = int(m), int(n_plus), int(n_minus)
-                self.known[cell].append(Known(int(kind), label, float(tau), float(v), sampled=bool(samples)))
+        for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
+            label = int(table.m[i]), int(table.n_plus[i]), int(table.n_minus[i])
+            tau, v, sampled = float(table.tau[i]), float(table.v[i]), bool(table.samples[i])
+            self.known[table.cell[i]].append(Known(int(table.kind[i]), label, tau, v, sampled=sampled))
 
     def run(self) -> None:
         """Follow everything known, one way at least."""
@@ -149,7 +149,7 @@ class Sweeps:
             end = float(classifier.samples.tau[first]), float(classifier.samples.v[first])
             self._arrive(run, table, rows[first : first + len(states[i])], end)
 
-    def _arrive(self, run: _Run, table: Attractors, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
+    def _arrive(self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
         """Note what was reached, and go on; where that is nothing new, go back from the step before.
 
         One that is lost on its way back, from a set that it leaves in time, begins again where it came through.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import AttractorTable
 from rattle.families.sums import QUIET_FAMILY, Sums, numbers_of
 
 
@@ -51,7 +51,7 @@ class Families:
     delta: NDArray[np.float64]
     epsilon: NDArray[np.float64]
     count: int
-    attractors: Attractors
+    attractors: AttractorTable
     entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     table: FamilyTable

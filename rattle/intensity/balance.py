@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import mean_force
 from rattle.intensity.motions import ENDLESS
@@ -38,7 +38,7 @@ def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
         found[i] = abs(balance - 1.0) if status == OK else math.nan
 
 
-def impulse_balance_errors(table: Attractors, cells: Any) -> NDArray[np.float64]:
+def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
     """|(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,), NaN of what is neither periodic nor chaotic: to
     rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one. cells: as the kernels take them.
     """

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rattle.attractors.chaos import BATCHES
 from rattle.attractors.classify import PERIODS, WATCH
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import mean_force
 from rattle.flight.law import wrapped
@@ -80,7 +80,7 @@ def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cel
     return sums
 
 
-def intensities_of(table: Attractors, cells: Any, stretch: Stretch) -> Intensities:
+def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
     """How hard every attractor of a table rattles: exactly over a period, and of chaos over a stretch that costs a few
     per cent of its classification. cells: as the kernels take them.
     """

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.reached import states_of
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import KINDS, MOST_SAMPLES, Attractor, Attractors, tabulated
+from rattle.attractors.table import KINDS, MOST_SAMPLES, Attractor, AttractorTable, tabulated
 from rattle.errors import require, require_integer
 from rattle.flight.law import wrapped
 from rattle.models import AnyGear, Columns, model_at
@@ -60,7 +60,7 @@ class GlobalContinuation:
 
     parameters: Array
     count: int
-    attractors: Attractors
+    attractors: AttractorTable
     entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     which: NDArray[np.int64]
@@ -164,7 +164,7 @@ def global_continuation(
 class _Changes:
     """Which families begin and end along a path, and why."""
 
-    def __init__(self, points: Array, attractors: Attractors, family: NDArray[np.int64]) -> None:
+    def __init__(self, points: Array, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
         n = len(points)
         self.here = [{int(family[i]): int(i) for i in reversed(self._at(step))} for step in range(n)]

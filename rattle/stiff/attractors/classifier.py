@@ -12,7 +12,7 @@ from rattle.attractors.ball import Centres, enlarge_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, Seen
 from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
+from rattle.attractors.table import AttractorTable, of_samples
 from rattle.errors import parameters
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
 from rattle.stiff.map.iterate import returned
@@ -83,7 +83,7 @@ def attractors_of(
     budget: int = BUDGET,
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
-) -> Attractors:
+) -> AttractorTable:
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """

@@ -7,7 +7,6 @@ from scipy.ndimage import label as components
 import rattle
 from rattle import stiff
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.table import Attractors
 from rattle.families.pieces import Piece
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY
 from rattle.models import Impacting
@@ -89,12 +88,12 @@ def test_the_way_through_the_grid_decides_nothing(found):
 
 def test_a_piece_learns_the_same_orbits_in_any_parts(found):
     """Row by row of cells it ends with what the whole join has, each orbit once, with the samples of its cell."""
-    rows = Attractors._make(x[(found.attractors.kind == Outcome.PERIODIC) & ~found.entered] for x in found.attractors)
+    rows = found.attractors.take((found.attractors.kind == Outcome.PERIODIC) & ~found.entered)
     piece = Piece((EPSILON.size, DELTA.size), Impacting().cells(DELTA, EPSILON))
     order = np.random.default_rng(2).permutation(EPSILON.size)
     for part in np.array_split(order, 6):
         here = np.isin(rows.cell // DELTA.size, part)
-        piece.learn(Attractors._make(x[here] for x in rows))
+        piece.learn(rows.take(here))
     orbits, n = piece.orbits, piece.n
     expected = found.attractors.kind == Outcome.PERIODIC
     columns = [getattr(found.attractors, name)[expected] for name in ("cell", "m", "n_plus", "n_minus")]

@@ -7,7 +7,7 @@ import pytest
 
 import rattle
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import AttractorTable
 from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.intensity.table import Intensities
 from rattle.models import AnyModel, model_of
@@ -18,7 +18,7 @@ EPSILON = {"impacting": np.tile([0.05, 0.1, 0.2], 20), "stiff": np.array([0.2, 0
 
 
 @pytest.fixture(scope="module", params=["impacting", "stiff"])
-def found(request: pytest.FixtureRequest) -> tuple[AnyModel, np.ndarray, np.ndarray, Attractors, Intensities]:
+def found(request: pytest.FixtureRequest) -> tuple[AnyModel, np.ndarray, np.ndarray, AttractorTable, Intensities]:
     delta, epsilon = DELTA[request.param], EPSILON[request.param]
     model = model_of(0.6, 1e4 if request.param == "stiff" else None)
     table = model.attractors_of(delta, epsilon, 16)
@@ -102,9 +102,9 @@ def test_chaos_that_comes_to_rest_is_not_known() -> None:
     model = model_of(0.6)
     table = model.attractors_of(0.6, 0.05, 8)
     assert list(table.kind) == [Outcome.QUIET]
-    wrong = table._replace(kind=np.array([Outcome.CHAOTIC]), tau=np.array([0.3]), v=np.array([1.0]))
+    wrong = table.replace(kind=np.array([Outcome.CHAOTIC]), tau=np.array([0.3]), v=np.array([1.0]))
     assert all(np.isnan(values).all() for values in model.intensities_of(0.6, 0.05, wrong))
-    wrong = table._replace(
+    wrong = table.replace(
         kind=np.array([Outcome.PERIODIC]), n_plus=np.array([1]), tau=np.array([0.3]), v=np.array([1.0])
     )
     assert np.isnan(model.intensities_of(0.6, 0.05, wrong).energy).all()
