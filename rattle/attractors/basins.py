@@ -179,9 +179,8 @@ class States:
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
         self.table = AttractorTable.empty()
-        self.tau, self.v = np.zeros(
-            (2, 0)
-        )  # a state that goes to each: followed again, it tells which one that is in a new call
+        #: A state that goes to each of the attractors: followed again, it tells which one that is in a new call.
+        self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """As `classified`, but rows of the common table, in which what is known keeps its row."""

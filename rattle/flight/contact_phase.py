@@ -12,9 +12,7 @@ with speed 0 at the phase where the force turns away, the entry of `forcing.nega
 stiff gear's contacts have depth: `rattle.stiff.map.flow.departs` is their release, and one without an end is quiet.
 """
 
-import math
-
-from rattle.flight.forcing import TWO_PI, contact_force
+from rattle.flight.forcing import contact_force, library_phase
 from rattle.numerics.compile import inline, kernel
 
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
@@ -39,6 +37,6 @@ def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """
     if wall * w < -SLOWEST:
         return False
-    theta = TWO_PI * tau
-    force = contact_force(math.sin(theta), math.cos(theta), delta, epsilon, drift)
+    sine, cosine = library_phase(tau)
+    force = contact_force(sine, cosine, delta, epsilon, drift)
     return not (w == 0.0 and wall * force < 0.0)

@@ -116,6 +116,19 @@ def phase_at(tau):
 
 
 @inline
+def library_phase(tau):
+    """The same by the sine and cosine of the library, to the last bit where few are computed."""
+    angle = TWO_PI * tau
+    return math.sin(angle), math.cos(angle)
+
+
+def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return sines and cosines (count,) of phases at equal distances from 0 on."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.sin(angle), np.cos(angle)
+
+
+@inline
 def later_phase(u, sine, cosine):
     """Sine and cosine of the phase a short time u later, by Taylor series: 1e-15 is left out for u up to 1e-4."""
     y = TWO_PI * u
@@ -187,6 +200,14 @@ def relative_swing(delta, epsilon):
 def swings_beyond(share, delta, epsilon):
     """True if the contact force swings by more than this share of its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
+
+
+@inline
+def relative_force(swing, share):
+    """The contact force over its mean, half a period times this share away from the phase of the least one, from its
+    `relative_swing`.
+    """
+    return 1.0 - swing * math.cos(math.pi * share)
 
 
 @inline

@@ -16,13 +16,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.forcing import DRIFT, Forcing, contact_force, contact_force_rate, contact_force_swing
+from rattle.flight.forcing import DRIFT, Forcing, contact_force, contact_force_rate, contact_force_swing, sampled_phases
 from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
 PHASES, ABREAST = 2048, 16  # phases; so many have a maximum of their own, as vector instructions want it
-COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
+SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18  # impacts; more below this damping, but no more than that

@@ -7,7 +7,7 @@ below them nodes are unstable, above there are none (docs/decisions/0023-period-
 
 import math
 
-from rattle.flight.forcing import phase_of_least_force, relative_swing
+from rattle.flight.forcing import phase_of_least_force, relative_force, relative_swing
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.circuits import keep, walk_round
 from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton
@@ -28,7 +28,7 @@ def share_out(work, x):
     shares = work.shares
     shares[0] = 0.0
     for i in range(SECTIONS):
-        g = 1.0 - x * math.cos(math.pi * (i + 0.5) / SECTIONS)
+        g = relative_force(x, (i + 0.5) / SECTIONS)
         shares[i + 1] = shares[i] + max(g, WEAKEST) ** (2.0 / 3.0)
     for i in range(1, SECTIONS + 1):
         shares[i] /= shares[SECTIONS]

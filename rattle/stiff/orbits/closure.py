@@ -13,7 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.forcing import DRIFT, TWO_PI, change_shape, force_ahead, plus_acceleration, plus_slope, slope_shape
+from rattle.flight.forcing import (
+    DRIFT,
+    TWO_PI,
+    change_shape,
+    force_ahead,
+    library_phase,
+    plus_acceleration,
+    plus_slope,
+    slope_shape,
+)
 from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, contact_end, driven, responses
@@ -76,8 +85,7 @@ def flight(t0, t1, gap, delta, epsilon):
     if x < LONGEST_DECAY:  # without cancellation
         k = x * decay64(x)
         lag = -k / (1.0 - k)
-    sin0, cos0 = math.sin(TWO_PI * t0), math.cos(TWO_PI * t0)
-    sin1, cos1 = math.sin(TWO_PI * t1), math.cos(TWO_PI * t1)
+    (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
     swing = change_shape(t0, t1, s) * pull
     apart = epsilon * swing - gap * pull
     w0 = plus_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
@@ -99,8 +107,8 @@ def flight(t0, t1, gap, delta, epsilon):
 def contact(wall, t, u, s, delta, epsilon, kappa):
     """The end, after s, of a contact that begins at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
-    phase = TWO_PI * t
-    mean, a, b = force_ahead(wall, math.sin(phase), math.cos(phase), delta, 1.0)
+    sin0, cos0 = library_phase(t)
+    mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
     v_u = 1.0 - lost - delta * sine
     x_e, v_e = a * x_c + b * x_s, a * v_c + b * v_s
     x = u * sine + mean * lost / (2.0 * kappa) + epsilon * x_e
