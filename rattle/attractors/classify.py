@@ -19,7 +19,7 @@ from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_b
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, Balls, Orbits, Samples, Sets, doubled, empty_tables
+from rattle.attractors.samples import GRID, Sets, Trajectories, doubled, empty_tables
 from rattle.numerics.compile import compile_apart
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
@@ -126,7 +126,7 @@ class Classifier(ABC):
         """Find the radii of these balls of capture, in place."""
 
     @abstractmethod
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples to their ends or limits, in place; early: most of them are soon captured."""
 
     @abstractmethod
@@ -188,7 +188,7 @@ class Classifier(ABC):
         row, column = np.nonzero(left)
         return Sets(cells[row] * self.count + column, left.sum(axis=1))
 
-    def settle(self, which: NDArray[np.int64], samples: Samples, early: bool = False) -> None:
+    def settle(self, which: NDArray[np.int64], samples: Trajectories, early: bool = False) -> None:
         """Follow these samples to their limits; those that recur find an orbit of their cell, or go on."""
         while which.size:
             self.advance(which, samples, early)
@@ -198,7 +198,7 @@ class Classifier(ABC):
                 (samples.status[which] == Outcome.UNRESOLVED) & (samples.impacts[which] < samples.limit[which])
             ]
 
-    def resolve(self, which: NDArray[np.int64], samples: Samples) -> None:
+    def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
         """Find the orbits of recurrent samples and their balls, with more room for them where a cell needs it."""
         while which.size:
             which = resolve(which, self.cells, samples, self.orbits, self.balls, self.grown)
@@ -213,14 +213,13 @@ class Classifier(ABC):
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
         self.enlarge(centres)
-        enter_balls(centres, self.balls)
+        enter_balls(centres, self.balls.for_kernels())
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
         """Have room for so many orbits in each cell, as often doubled as it takes."""
         while self.orbits.m.shape[1] < most:
-            self.orbits = Orbits(self.orbits.n, *doubled(self.orbits[1:]))
-            self.balls = Balls(self.balls.n, *doubled(self.balls[1:]))
+            self.orbits, self.balls = doubled(self.orbits), doubled(self.balls)
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""
@@ -398,12 +397,16 @@ def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
 
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
-) -> Samples:
+) -> Trajectories:
     """Samples (k,) that have made no impact yet, and so many at most; the arrays are followed in place."""
-    impacts, status, orbit, gap, pause = (np.zeros(cell.size, np.int64) for _ in range(5))
-    limits = np.broadcast_to(limit, cell.shape).astype(np.int64)
-    cell = np.ascontiguousarray(cell)  # another layout would be another variant of each kernel
-    return Samples(cell, tau, v, impacts, limits, status, orbit, gap, pause, np.zeros(cell.size))
+    return Trajectories(
+        cell=np.ascontiguousarray(cell),  # another layout would be another variant of each kernel
+        tau=tau,
+        v=v,
+        limit=np.broadcast_to(limit, cell.shape).astype(np.int64),
+        time=np.zeros(cell.size),
+        **{name: np.zeros(cell.size, np.int64) for name in ("impacts", "status", "orbit", "gap", "pause")},
+    )
 
 
 def nothing_seen(count: int) -> Seen:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.samples import Balls, Orbits, Samples, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import Balls, Orbits, Trajectories, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.impact_law import log_determinant
 from rattle.flight.law import speed_unit, wrapped
@@ -112,11 +112,8 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 
 @kernel
-def mark_footprints(which, impacts, cells, samples, footprints):
-    """Enter every impact of a further stretch of these samples into their footprints.
-
-    A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.
-    """
+def fill_footprints(which, impacts, cells, samples, footprints):
+    """See `mark_footprints`."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -126,6 +123,16 @@ def mark_footprints(which, impacts, cells, samples, footprints):
             if status != OK:
                 break
             mark(tau, v, top_speed(point.epsilon, unit_at(point)), footprints[j])
+
+
+def mark_footprints(
+    which: NDArray[np.int64], impacts: int, cells: Any, samples: Trajectories, footprints: NDArray[np.uint64]
+) -> None:
+    """Enter every impact of a further stretch of these samples into their footprints.
+
+    A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.
+    """
+    fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
 
 
 @kernel
@@ -169,7 +176,7 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
 
 
 def resolve(
-    which: NDArray[np.int64], cells: Any, samples: Samples, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
+    which: NDArray[np.int64], cells: Any, samples: Trajectories, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Find the orbits that recurrent samples go to: PERIODIC, or UNRESOLVED if there is none, to go on with a pause.
 
@@ -177,4 +184,5 @@ def resolve(
     grown[cell] on are, or while the cell has no room for one more.
     """
     waiting = np.zeros_like(which)
-    return waiting[: resolve_all(which, cells, samples, orbits, balls, grown, waiting)]
+    tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()
+    return waiting[: resolve_all(which, cells, *tables, grown, waiting)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -122,9 +122,13 @@ class AttractorTable(StructOfArrays):
     @classmethod
     def empty(cls) -> Self:
         """Return a table without rows."""
-        number, real = np.zeros(0, np.int64), np.zeros(0)
-        whole = dict.fromkeys(("cell", "kind", "m", "n_plus", "n_minus", "samples", "impacts"), number)
-        return cls(**whole, **dict.fromkeys(("tau", "v", "first", "second", "error", "watched"), real))
+        columns: dict[str, Any] = dict.fromkeys(("tau", "v", "first", "second", "error", "watched"), np.zeros(0))
+        whole = ("cell", "kind", "m", "n_plus", "n_minus", "samples", "impacts")
+        return cls(**columns, **dict.fromkeys(whole, np.zeros(0, np.int64)))
+
+    def label(self, row: int) -> tuple[int, int, int]:
+        """Return (m, n₊, n₋) of a row, 0 unless periodic."""
+        return int(self.m[row]), int(self.n_plus[row]), int(self.n_minus[row])
 
     def _caption(self) -> str:
         return f"{self.cell.size} attractors of {np.unique(self.cell).size} cells"

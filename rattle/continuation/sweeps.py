@@ -97,9 +97,9 @@ class Sweeps:
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
         for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
-            label = int(table.m[i]), int(table.n_plus[i]), int(table.n_minus[i])
-            tau, v, sampled = float(table.tau[i]), float(table.v[i]), bool(table.samples[i])
-            self.known[table.cell[i]].append(Known(int(table.kind[i]), label, tau, v, sampled=sampled))
+            state, sampled = (float(table.tau[i]), float(table.v[i])), bool(table.samples[i])
+            known = Known(int(table.kind[i]), table.label(i), *state, sampled=sampled)
+            self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
         """Follow everything known, one way at least."""

@@ -75,8 +75,7 @@ class GlobalContinuation:
     def label(self, number: int) -> tuple[str, int, int, int]:
         """Kind, m, n₊ and n₋ of a family."""
         row = self._rows(number)[0]
-        kind, m, plus, minus = (int(column[row]) for column in self.attractors[1:5])
-        return KINDS[kind], m, plus, minus
+        return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
         """The share of the samples that a family wins at each step (n,); NaN where it is not."""
@@ -199,8 +198,7 @@ class _Changes:
             return self._change(family, step, begins, End(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
         other = self._goes_to(row, away, *gears)
         if kind == Outcome.PERIODIC:
-            label = tuple(int(column[row]) for column in self.rows[2:5])
-            orbit = Orbit((label[0], label[1], label[2]), float(self.rows.tau[row]), float(self.rows.v[row]))
+            orbit = Orbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = end_of(self.points[where], self.points[away], orbit)
             if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
                 end, other = End(CONTINUES, 0.0, 1.0), goes_on
@@ -237,7 +235,7 @@ class _Changes:
         """The family at a step that an orbit belongs to, −1 if it is not listed there."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
-            if tuple(int(column[row]) for column in self.rows[2:5]) == orbit.label:
+            if self.rows.label(row) == orbit.label:
                 far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
                 far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / unit_of(gear))
                 if far.min() < SAME_POINT:
@@ -245,8 +243,8 @@ class _Changes:
         return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
-        kind, m, plus, minus = (int(column[row]) for column in self.rows[1:5])
-        if (KINDS[kind], m, plus, minus) != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
+        label = KINDS[self.rows.kind[row]], *self.rows.label(row)
+        if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False
         far = abs(wrapped(goes.tau - self.rows.tau[row])), abs(goes.v - self.rows.v[row]) / unit
-        return kind != Outcome.PERIODIC or max(far) < SAME_POINT
+        return self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT

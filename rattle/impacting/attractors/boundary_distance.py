@@ -132,7 +132,7 @@ class _Cells:
         cell, p = cell[fresh], p[fresh]
         each = np.clip(EDGES // np.maximum(balls.n[cell], 1), FEWEST_EDGES, MOST_EDGES)
         angle = 2 * np.pi * (np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)) / np.repeat(each, each)
-        tau, v, a, b, d = (np.repeat(x[cell, p], each) for x in (balls.tau, balls.v, *balls[4:]))
+        tau, v, a, b, d = (np.repeat(x[cell, p], each) for x in (balls.tau, balls.v, balls.c00, balls.c01, balls.c11))
         y = np.sin(angle) / np.sqrt(d - b * b / a)
         x = (np.cos(angle) - b / np.sqrt(a) * y) / np.sqrt(a)
         self.balls = balls.n.copy()

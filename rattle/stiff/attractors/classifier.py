@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres, enlarge_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, Seen
-from rattle.attractors.samples import Samples
+from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.errors import parameters
@@ -61,15 +61,16 @@ class StiffClassifier(Classifier):
         """Find the radii of these balls of capture."""
         enlarge_one_by_one(centres, self.cells)
 
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:  # noqa: ARG002
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow these samples to their ends or limits: every return is looked at, early or not."""
-        settle(which, self.cells, samples, self.balls)
+        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
 
 def attractors_of(

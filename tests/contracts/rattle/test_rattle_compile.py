@@ -9,6 +9,7 @@ import pytest
 from rattle import RattleError
 from rattle.numerics import compile as compiling
 from rattle.numerics.compile import inline, kernel
+from rattle.orbits import return_map
 
 NUMBERS = (numba.float64[::1],)
 
@@ -53,3 +54,19 @@ def test_an_inline_function_is_the_plain_one_from_python() -> None:
 
 def test_where_numba_keeps_functions_of_others_is_left_as_it_was() -> None:
     assert str(compiling.cache_directory()) != numba.config.CACHE_DIR
+
+
+def test_functions_found_by_a_type_are_those_that_the_table_lists() -> None:
+    """Every gear provides each of them, from the module that the docstring of `return_map` says."""
+    documented = {}
+    for line in (return_map.__doc__ or "").splitlines():
+        match line.split():
+            case [function, declared, impacting, stiff] if "." in declared and "." in impacting:
+                documented[f"rattle.{declared}.{function}"] = {f"rattle.{impacting}", f"rattle.{stiff}"}
+    found = {
+        f"{function.__module__}.{function.__name__}": {each.__module__ for each in implementations.values()}
+        for function, implementations in compiling.FOR_TYPES.items()
+        if function.__module__.startswith("rattle.")
+    }
+    assert found == documented
+    assert all(len(implementations) == 2 for implementations in compiling.FOR_TYPES.values())
