@@ -124,9 +124,10 @@ class AttractorTable(StructOfArrays):
         """Return a table without rows."""
         columns: dict[str, Any] = dict.fromkeys(("tau", "v", "first", "second", "error", "watched"), np.zeros(0))
         whole = ("cell", "kind", "m", "n_plus", "n_minus", "samples", "impacts")
-        return cls(**columns, **dict.fromkeys(whole, np.zeros(0, np.int64)))
+        columns |= dict.fromkeys(whole, np.zeros(0, np.int64))
+        return cls(**columns)
 
-    def label(self, row: int) -> tuple[int, int, int]:
+    def label(self, row: int | np.integer) -> tuple[int, int, int]:
         """Return (m, n₊, n₋) of a row, 0 unless periodic."""
         return int(self.m[row]), int(self.n_plus[row]), int(self.n_minus[row])
 

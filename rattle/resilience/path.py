@@ -247,4 +247,4 @@ class _Changes:
         if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False
         far = abs(wrapped(goes.tau - self.rows.tau[row])), abs(goes.v - self.rows.v[row]) / unit
-        return self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT
+        return bool(self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT)
