@@ -1,11 +1,14 @@
 """What is compiled into its callers borrows their arrays; numba's own functions are left alone."""
 
+from importlib import import_module
+from pkgutil import walk_packages
 from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
+import rattle
 from rattle import RattleError
 from rattle.numerics import compile as compiling
 from rattle.numerics.compile import inline, kernel
@@ -70,3 +73,11 @@ def test_functions_found_by_a_type_are_those_that_the_table_lists() -> None:
     }
     assert found == documented
     assert all(len(implementations) == 2 for implementations in compiling.FOR_TYPES.values())
+
+
+def test_a_process_that_compiles_finds_every_kernel_by_its_name() -> None:
+    names = [found.name for found in walk_packages(rattle.__path__, "rattle.")]
+    modules = [import_module(name) for name in names if ".proof" not in name]
+    kernels = [each for module in modules for each in vars(module).values() if isinstance(each, compiling.Kernel)]
+    assert len(kernels) > 100
+    assert all(getattr(import_module(each.__module__), each.name) is each for each in kernels)
