@@ -2,6 +2,7 @@
 
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import (
     NATURAL,
     PAPER_SPEED,
@@ -11,7 +12,9 @@ from rattle.attractors.speeds import (
     sampled_speed,
     sampled_speeds,
 )
-from rattle.attractors.table import CHAOTIC, LARGEST_BUDGET, PERIODIC, QUIET, UNDECIDED, listed
+from rattle.attractors.table import LARGEST_BUDGET, listed
+
+CHAOTIC, PERIODIC, QUIET, UNDECIDED = Outcome.CHAOTIC, Outcome.PERIODIC, Outcome.QUIET, Outcome.UNDECIDED
 
 __all__ = [
     "BUDGET",
@@ -24,6 +27,7 @@ __all__ = [
     "QUIET",
     "UNDECIDED",
     "WATCH",
+    "Outcome",
     "SpeedLimit",
     "classified",
     "in_paper_plane",

@@ -14,17 +14,9 @@ from numpy.typing import NDArray
 
 from rattle.attractors.cell_map import Box, cell_of, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import SAME_POINT
-from rattle.attractors.table import (
-    CHAOTIC,
-    QUIET,
-    UNDECIDED,
-    Attractor,
-    Attractors,
-    attractor_columns,
-    listed,
-    tabulated,
-)
+from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, listed, tabulated
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, Dataset, Tabular, dataset_of
@@ -137,17 +129,17 @@ class Basins(Tabular):
         )
 
 
-def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
+def classified(plane: Plane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """The attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
     return table, rows, classifier.samples.impacts
 
 
-def _without_chaos(steps: NDArray[np.int64], table: Attractors, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Steps to convergence, −1 where none is seen."""
     kind = table.kind[rows]
-    return np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, steps)
+    return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
@@ -186,9 +178,9 @@ class States:
 
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
-        n, x = np.zeros(0, np.int64), np.zeros(0)
-        self.table = Attractors(n, n, n, n, n, n, x, x, x, x, x, n, x)
-        self.tau, self.v = x, x  # a state that goes to each: followed again, it tells which one that is in a new call
+        self.table = AttractorTable.empty()
+        #: A state that goes to each of the attractors: followed again, it tells which one that is in a new call.
+        self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """As `classified`, but rows of the common table, in which what is known keeps its row."""
@@ -197,20 +189,20 @@ class States:
         row_of = self._known(table, rows[:known])
         fresh = np.flatnonzero(row_of < 0)
         row_of[fresh] = known + np.arange(fresh.size)
-        self.table = Attractors._make(np.append(x, y[fresh]) for x, y in zip(self.table, table, strict=True))
+        self.table = AttractorTable.concat([self.table, table.take(fresh)])
         one = np.array([np.argmax(rows == row) for row in fresh], np.int64)
         self.tau, self.v = np.append(self.tau, tau[one]), np.append(self.v, v[one])
         return row_of[rows[known:]], impacts[known:]
 
-    def _known(self, table: Attractors, reached: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _known(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Row here of each row of another table, −1 if it is new; reached: rows there of the states kept here."""
-        here, there = self.table, Attractors._make(x[:, None] for x in table)
+        here, there = self.table, table.take((slice(None), None))
         near = SAME_POINT * self.plane.unit
         same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
         same[reached, np.arange(reached.size)] = True
-        same |= (here.kind == QUIET) | (here.kind == UNDECIDED)
-        for x, y in zip(there[1:5], here[1:5], strict=True):  # kind, m, n₊, n₋
-            same &= x == y
+        same |= (here.kind == Outcome.QUIET) | (here.kind == Outcome.UNDECIDED)
+        for name in ("kind", "m", "n_plus", "n_minus"):
+            same &= getattr(there, name) == getattr(here, name)
         row = np.full(table.kind.size, -1)
         one, other = np.nonzero(same)
         row[one[::-1]] = other[::-1]
@@ -219,7 +211,7 @@ class States:
 
 def _by_cells(
     plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
-) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
     trajectories, and every cell with another label among its neighbours, until there is none left.
     """
@@ -274,5 +266,5 @@ def basins(
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)
     label[order] = np.arange(order.size)
-    found = listed(Attractors._make(x[order] for x in table), count[order])
+    found = listed(table.take(order), count[order])
     return Basins(across, up, label[rows].reshape(n, n), found, steps.reshape(n, n), method, box)

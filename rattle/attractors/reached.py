@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.basins import Basins, Plane, Range, basins, classified
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import SpeedLimit, sampled_speed
-from rattle.attractors.table import CHAOTIC, MOST_SAMPLES, UNDECIDED, Attractor, Attractors, listed, of_samples
+from rattle.attractors.table import MOST_SAMPLES, Attractor, listed, of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
 from rattle.orbits.period_one import HasOrbits, html_of_point
@@ -51,9 +52,9 @@ def reached(plane: Plane, tau: ArrayLike, v: ArrayLike) -> Reached:
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
     number = np.argsort(order)
-    found = listed(Attractors._make(x[order] for x in table), count[order])
+    found = listed(table.take(order), count[order])
     kind = table.kind[rows]
-    impacts = np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, impacts)
+    impacts = np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, impacts)
     return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
 
 

@@ -18,8 +18,9 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speeds
-from rattle.attractors.table import KINDS, PERIODIC, Attractors
+from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
@@ -108,7 +109,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     branches: tuple[AnyBranch, ...]
     events: tuple[AnyEvent, ...]
     points: Points
-    sampled: Attractors
+    sampled: AttractorTable
     small: tuple[Piece, ...]
     left_out: tuple[tuple[int, int, int], ...]
 
@@ -227,7 +228,7 @@ def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search, unit: f
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
         for known in here:
-            if known.kind != PERIODIC:
+            if known.kind != Outcome.PERIODIC:
                 continue
             m, n_plus, n_minus = known.label
             if n_plus + n_minus > search.impacts:
@@ -266,7 +267,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
                 there = orbit.departures[upper], orbit.speeds[upper]
                 match = _nearest(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
-                    sweeps.known[step].append(Known(PERIODIC, label, orbit.tau, orbit.v, sampled=False))
+                    sweeps.known[step].append(Known(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False))
                     new = True
             sampled |= match is not None and match.sampled
         if not sampled:
@@ -296,6 +297,6 @@ def _nearest(
     """The attractor with this label that has a state so near to one of the impacts (n_plus,), speeds in their unit."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
-        if each.kind == PERIODIC and each.label == label and near.min() < within:
+        if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:
             return each
     return None

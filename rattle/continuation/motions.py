@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.classify import Classifier
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
+from rattle.attractors.table import AttractorTable, of_samples
 from rattle.continuation.arclength import Problem
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
@@ -60,7 +60,7 @@ class Motions(ABC):
     def steps(self, position: Array) -> tuple[Array, ...]:
         """The steps at these positions (n,)."""
 
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
+    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> AttractorTable:
         """The attractors that so many initial conditions find, cell i at step i."""
         return of_samples(self.classifier, steps, count, v_max, seed)
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_integer, require_number
-from rattle.flight.law import DRIFT, TWO_PI
+from rattle.flight.forcing import TWO_PI, Forcing
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import Motion, kind_of
 from rattle.intensity.visit import Impacts
@@ -99,15 +99,10 @@ def _transformed(impacts: Impacts, omega: Array, delta: float, epsilon: float) -
     found = impacts.wall * speeds
     if impacts.duration.any():
         found += sum(
-            size * _lasting(frequency - omega, begin, impacts.duration) for frequency, size in _forces(delta, epsilon)
+            size * _lasting(frequency - omega, begin, impacts.duration)
+            for frequency, size in Forcing(epsilon).lines(delta)
         )
     return found
-
-
-def _forces(delta: float, epsilon: float) -> list[tuple[float, complex]]:
-    """The contact force 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt as Σ size e^(i frequency t)."""
-    size = epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
-    return [(0.0, complex(delta * DRIFT)), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
 
 def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
@@ -119,7 +114,7 @@ def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.comp
 def _pressing(order: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
     """The lines of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
-    lines[:2] = [size for _, size in _forces(delta, epsilon)[:2]][: order.size]
+    lines[:2] = [size for _, size in Forcing(epsilon).lines(delta)[:2]][: order.size]
     return lines
 
 
@@ -147,7 +142,7 @@ def _pushes(impacts: Impacts, delta: float, epsilon: float) -> tuple[Array, Arra
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
     at = begin[:, None] + half * (1.0 + NODES)
-    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in _forces(delta, epsilon))
+    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in Forcing(epsilon).lines(delta))
     time = np.concatenate([begin, begin + impacts.duration, at.ravel()])
     weight = np.concatenate([wall * impacts.speed, wall * impacts.departure, (half * WEIGHTS * force).ravel()])
     rising = np.argsort(time, kind="stable")

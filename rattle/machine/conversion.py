@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import TWO_PI
 
 DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ωt
 

@@ -189,10 +189,20 @@ def inline(function: Callable[..., Any]) -> Inline:
     return Inline(function)
 
 
+#: Functions that kernels find by the type of their last argument: for each, its implementation for every type.
+FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
+
+
 def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Say what a function is, inside kernels, whose last argument is a named tuple of this kind: the decorated one."""
+    """Say what a function is, inside kernels, whose last argument is a named tuple of this kind: the decorated one.
+
+    `FOR_TYPES` has all of them, and the docstring of `rattle.orbits.return_map` lists them with their places. Kernels
+    are not passed as arguments instead: numba's cache on disk does not know those (docs/decisions/0018-stiff.md).
+    """
 
     def register(implementation: Callable[..., Any]) -> Callable[..., Any]:
+        FOR_TYPES.setdefault(function, {})[kind] = implementation
+
         def choose(*arguments: Any) -> Any:
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import PERIODS, WATCH, Classifier
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import NATURAL, sampled_speeds
-from rattle.attractors.table import UNDECIDED, Attractors, tabulated
+from rattle.attractors.table import AttractorTable, tabulated
 from rattle.impacting.attractors.boundary_distance import boundary_distances
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.attractors.stretch import stretch
@@ -73,10 +74,12 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
     tau, v = states(plan, points, count, seed)
     table, row, cells, how = followed(points, tau, v, plan.budget)
     energy = intensities_of(table, cells, how).energy
-    return np.sort(np.where(table.kind == UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
+    return np.sort(np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
 
 
-def followed(points: Points, tau: Array, v: Array, budget: int) -> tuple[Attractors, NDArray[np.int64], Any, Stretch]:
+def followed(
+    points: Points, tau: Array, v: Array, budget: int
+) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
     """The attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities ask."""
     d, e, b, k, _ = points
     if k is None:

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.attractors.classify import BUDGET
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.speeds import NATURAL, sampled_speeds
-from rattle.attractors.table import LARGEST_BUDGET, QUIET, UNDECIDED
+from rattle.attractors.table import LARGEST_BUDGET
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import least_damping
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.machine import Machine
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
@@ -166,7 +167,7 @@ class _Solver:
         speeds = sampled_speeds(NATURAL, points.delta, points.epsilon, points.beta)
         table, row, _cells, _how = followed(points, tau, v * speeds[:, None], self.budget)
         kind = table.kind[row]
-        return int((kind == QUIET).sum()), int((kind == UNDECIDED).sum())
+        return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
         """By how much the share of quiet runs is more than what is asked, as it is found and at both ends of its
@@ -221,8 +222,3 @@ class _Solver:
             else:
                 outside = middle
         return inside, outside
-
-
-def least_damping(epsilon: float) -> float:
-    """δ at which ε is the quiet limit: the contact force vanishes at one phase."""
-    return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.outcome import Outcome
 from rattle.attractors.reached import states_of
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import CHAOTIC, KINDS, MOST_SAMPLES, PERIODIC, QUIET, Attractor, Attractors, tabulated
+from rattle.attractors.table import KINDS, MOST_SAMPLES, Attractor, AttractorTable, tabulated
 from rattle.errors import require, require_integer
 from rattle.flight.law import wrapped
 from rattle.models import AnyGear, Columns, model_at
@@ -59,7 +60,7 @@ class GlobalContinuation:
 
     parameters: Array
     count: int
-    attractors: Attractors
+    attractors: AttractorTable
     entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     which: NDArray[np.int64]
@@ -74,8 +75,7 @@ class GlobalContinuation:
     def label(self, number: int) -> tuple[str, int, int, int]:
         """Kind, m, n₊ and n₋ of a family."""
         row = self._rows(number)[0]
-        kind, m, plus, minus = (int(column[row]) for column in self.attractors[1:5])
-        return KINDS[kind], m, plus, minus
+        return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
         """The share of the samples that a family wins at each step (n,); NaN where it is not."""
@@ -163,7 +163,7 @@ def global_continuation(
 class _Changes:
     """Which families begin and end along a path, and why."""
 
-    def __init__(self, points: Array, attractors: Attractors, family: NDArray[np.int64]) -> None:
+    def __init__(self, points: Array, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
         n = len(points)
         self.here = [{int(family[i]): int(i) for i in reversed(self._at(step))} for step in range(n)]
@@ -182,7 +182,7 @@ class _Changes:
         told: dict[tuple[int, int, bool], Change] = {}
         for chaotic in (False, True):
             for each in found:
-                if (self.rows.kind[self._row(*each)] == CHAOTIC) == chaotic:
+                if (self.rows.kind[self._row(*each)] == Outcome.CHAOTIC) == chaotic:
                     told[each] = self._told(*each, told)
         return sorted(told.values(), key=lambda change: (change.step, change.low, change.family))
 
@@ -193,13 +193,12 @@ class _Changes:
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points[where]), gear_at(self.points[away]))
         end = End(UNKNOWN, 0.0, 1.0)
-        if kind == QUIET:
+        if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
             return self._change(family, step, begins, End(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
         other = self._goes_to(row, away, *gears)
-        if kind == PERIODIC:
-            label = tuple(int(column[row]) for column in self.rows[2:5])
-            orbit = Orbit((label[0], label[1], label[2]), float(self.rows.tau[row]), float(self.rows.v[row]))
+        if kind == Outcome.PERIODIC:
+            orbit = Orbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = end_of(self.points[where], self.points[away], orbit)
             if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
                 end, other = End(CONTINUES, 0.0, 1.0), goes_on
@@ -222,21 +221,21 @@ class _Changes:
         chaotic and there is none.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
-        if self.rows.kind[row] == CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
+        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
             return -1  # what is on its way to rest there makes impacts without end
-        many = CHAOTIC_STATES if self.rows.kind[row] == CHAOTIC else 1
+        many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
         for family, other in self.here[step].items():
             if self._is(goes, other, unit_of(there)):
                 return family
-        return CHAOS_THERE if goes.kind == KINDS[CHAOTIC] else -1
+        return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
         """The family at a step that an orbit belongs to, −1 if it is not listed there."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
-            if tuple(int(column[row]) for column in self.rows[2:5]) == orbit.label:
+            if self.rows.label(row) == orbit.label:
                 far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
                 far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / unit_of(gear))
                 if far.min() < SAME_POINT:
@@ -244,8 +243,8 @@ class _Changes:
         return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
-        kind, m, plus, minus = (int(column[row]) for column in self.rows[1:5])
-        if (KINDS[kind], m, plus, minus) != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
+        label = KINDS[self.rows.kind[row]], *self.rows.label(row)
+        if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False
         far = abs(wrapped(goes.tau - self.rows.tau[row])), abs(goes.v - self.rows.v[row]) / unit
-        return kind != PERIODIC or max(far) < SAME_POINT
+        return bool(self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT)

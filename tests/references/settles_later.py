@@ -22,8 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 import rattle
-from rattle.attractors.table import CHAOTIC, UNDECIDED, tabulated
-from rattle.flight.law import DRIFT, contact_force, natural_speed
+from rattle.attractors.outcome import Outcome
+from rattle.attractors.table import tabulated
+from rattle.flight.forcing import DRIFT, contact_force
+from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import impact
 from rattle.impacting.map.quiet import capture_invariant
@@ -134,11 +136,11 @@ def watched(point, count=COUNT):
     seconds = time.process_time() - began
     table, row = tabulated(found)
     kind, samples = table.kind[row], found.samples
-    chaotic = np.flatnonzero(kind == CHAOTIC)
+    chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     most = TIMES * int(samples.impacts[chaotic].max(initial=0))
     wrong = sum(settles(samples.tau[k], samples.v[k], most, point, v_max[0] / 7.0) for k in chaotic)
     impacts = int(samples.impacts.sum())
-    return Cell(*point, chaotic.size, int(np.sum(kind == UNDECIDED)), int(wrong), impacts, seconds)
+    return Cell(*point, chaotic.size, int(np.sum(kind == Outcome.UNDECIDED)), int(wrong), impacts, seconds)
 
 
 def line(name, chosen, count):

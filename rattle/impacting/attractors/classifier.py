@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.ball import Centres
 from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
-from rattle.attractors.samples import Samples
+from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
+from rattle.attractors.table import AttractorTable, of_samples
 from rattle.errors import parameters
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
@@ -36,7 +36,7 @@ class ImpactingClassifier(Classifier):
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         with np.errstate(over="ignore"):  # of a subnormal δ
-            self._roughness = cells.epsilon * np.hypot(TWO_PI, cells.delta) / cells.delta
+            self._roughness = Forcing(cells.epsilon).relative_swing(cells.delta)
         super().__init__(cells, tau, v, budget)
 
     model = "impacting"
@@ -71,19 +71,21 @@ class ImpactingClassifier(Classifier):
         if most > ROOM:
             found = stable_cells(delta, epsilon, beta, most)
             self.make_room(most)
-        remember_period_one(*found, self.cells, self.orbits)
+        n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
+        remember_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())
         self.grow_balls()
 
     def enlarge(self, centres: Centres) -> None:
         """Find the radii of these balls of capture, in lanes."""
         enlarge(self._block, centres, self.cells)
 
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples to their ends or limits."""
         flights = CHUNK if early else LONG_CHUNK
-        settle(self._block, self.alike(which, samples), flights, self.cells, samples, self.balls, self.paths)
+        which, tables = self.alike(which, samples), (samples.for_kernels(), self.balls.for_kernels())
+        settle(self._block, which, flights, self.cells, *tables, self.paths)
 
-    def alike(self, which: NDArray[np.int64], samples: Samples) -> NDArray[np.int64]:
+    def alike(self, which: NDArray[np.int64], samples: Trajectories) -> NDArray[np.int64]:
         """These samples in an order in which neighbours need the same stages of a flight: lanes share them."""
         return which[np.argsort(-self._roughness[samples.cell[which]], kind="stable")]
 
@@ -91,7 +93,8 @@ class ImpactingClassifier(Classifier):
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        measure(self._block, which, least, periods, self.cells, self.samples, self.balls, *seen, self.paths)
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 
 
 def attractors_of(
@@ -104,7 +107,7 @@ def attractors_of(
     budget: int = BUDGET,
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
-) -> Attractors:
+) -> AttractorTable:
     """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres, enlarge_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, Seen
-from rattle.attractors.samples import Samples
+from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
+from rattle.attractors.table import AttractorTable, of_samples
 from rattle.errors import parameters
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
 from rattle.stiff.map.iterate import returned
@@ -61,15 +61,16 @@ class StiffClassifier(Classifier):
         """Find the radii of these balls of capture."""
         enlarge_one_by_one(centres, self.cells)
 
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:  # noqa: ARG002
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow these samples to their ends or limits: every return is looked at, early or not."""
-        settle(which, self.cells, samples, self.balls)
+        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
 
 def attractors_of(
@@ -83,7 +84,7 @@ def attractors_of(
     budget: int = BUDGET,
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
-) -> Attractors:
+) -> AttractorTable:
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
