@@ -3,15 +3,17 @@
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.speeds import (
+    LARGEST_BUDGET,
     NATURAL,
     PAPER_SPEED,
+    SampleSpec,
     SpeedLimit,
     in_paper_plane,
     read_speed,
     sampled_speed,
     sampled_speeds,
 )
-from rattle.attractors.table import CHAOTIC, LARGEST_BUDGET, PERIODIC, QUIET, UNDECIDED, listed
+from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, listed
 
 __all__ = [
     "BUDGET",
@@ -24,6 +26,7 @@ __all__ = [
     "QUIET",
     "UNDECIDED",
     "WATCH",
+    "SampleSpec",
     "SpeedLimit",
     "classified",
     "in_paper_plane",

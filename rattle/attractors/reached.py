@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import ClassVar
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.basins import Basins, Plane, Range, basins, classified
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
-from rattle.attractors.speeds import SpeedLimit, sampled_speed
-from rattle.attractors.table import CHAOTIC, MOST_SAMPLES, UNDECIDED, Attractor, Attractors, listed, of_samples
+from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
+from rattle.attractors.table import CHAOTIC, UNDECIDED, Attractor, Attractors, listed, of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
 from rattle.orbits.period_one import HasOrbits, html_of_point
+from rattle.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ class Sampled:
     _pairs: ClassVar[int]  # for the uncertainty exponent, by default
 
     def __post_init__(self) -> None:
-        for name in self._names:
-            object.__setattr__(self, name, require_number(name, getattr(self, name), positive=name != "epsilon"))
+        for name, value in self._numbers.items():
+            object.__setattr__(self, name, require_number(name, value, positive=name != "epsilon"))
 
     def _repr_html_(self: HasOrbits) -> str:
         return html_of_point(self)
@@ -88,7 +89,7 @@ class Sampled:
         ParameterError. What a label means, with its error:
         docs/decisions/0026-labels.md.
         """
-        table = of_samples(self._classifier, self.states.arrays, count, v_max, seed, budget)
+        table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return listed(table, table.samples)
 
     def basins(
@@ -133,11 +134,16 @@ class Sampled:
     @property
     def states(self) -> Plane:
         """The plane of its states (τ, v)."""
-        return Plane(self._classifier, tuple(getattr(self, name) for name in self._names))
+        return Plane(self._classifier, self.parameters)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(each.name for each in fields(self))  # type: ignore[arg-type]
+    def parameters(self) -> Parameters:
+        """Its parameters, arrays (1,)."""
+        return Parameters.of(self._classifier.model, **{name: [value] for name, value in self._numbers.items()})
+
+    @property
+    def _numbers(self) -> dict[str, Any]:
+        return asdict(self)  # type: ignore[call-overload]
 
     def _speed(self, v_max: SpeedLimit) -> float:
-        return sampled_speed(v_max, *self.states.parameters[:3])
+        return float(SampleSpec(v_max=v_max).highest(self.parameters)[0])
