@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,8 +43,8 @@ class Parameter:
         Whether it may be the third axis of a survey.
     machine_number : str, optional
         The number of a `rattle.Machine` that makes it.
-    machine_text : str
-        What that number is, for options and forms.
+    machine_text, machine_absent : str
+        What that number is, and what it means that there is none, for options and forms.
     of_machine : callable, optional
         From that number, inertia, radius, speed (rad/s) and the scale of the drive to its value.
     """
@@ -59,12 +61,19 @@ class Parameter:
     is_axis: bool = True
     machine_number: str | None = None
     machine_text: str = ""
+    machine_absent: str = ""
     of_machine: Callable[[Any, Any, Any, Any, float], Any] | None = None
 
     @property
     def long_name(self) -> str:
         """Its name in words with its letter."""
         return f"{self.label} {self.symbol}"
+
+    @property
+    def in_words(self) -> str:
+        """Its name and letter in a list of what a gear has, such as "walls of stiffness κ"."""
+        part = self.of.removeprefix("the ")
+        return f"{part} of {self.long_name}" if part else self.long_name
 
     @property
     def advice(self) -> str:
@@ -75,6 +84,15 @@ class Parameter:
     def described(self) -> str:
         """Its name in words, with the part of the gear that has it."""
         return f"{self.label} of {self.of}" if self.of else self.label
+
+
+def parameters_in(module: str) -> tuple[Parameter, ...]:
+    """Return what the file `declaration.toml` beside a module declares.
+
+    It is a file because commands and the client read it too, which do not load the library.
+    """
+    declared = tomllib.loads(Path(module).with_name("declaration.toml").read_text(encoding="utf-8"))
+    return tuple(Parameter(**each) for each in declared["parameters"])
 
 
 BETA = Parameter("beta", "β", "half-backlash", default=0.6, example=0.6)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from rattle import stiff
 from rattle.flight.law import TWO_PI
 from rattle.models.model import Capability, Functions, Limits, Model
 from rattle.orbits.period_one import MissingLimit
-from rattle.parameters import Parameter
+from rattle.parameters import parameters_in
 from rattle.stiff.attractors.classifier import StiffClassifier
 
 
@@ -20,19 +20,7 @@ def _of_machine(stiffness: Any, inertia: Any, radius: Any, speed: Any, scale: fl
     return stiffness * turned * turned / (scale * inertia)
 
 
-#: A motion needs some √κ returns to become quiet: beyond the greatest, samples are left undecided.
-KAPPA = Parameter(
-    "kappa",
-    "κ",
-    "stiffness",
-    of="the walls",
-    example=1e4,
-    least=1.0,
-    greatest=1e8,
-    machine_number="stiffness",
-    machine_text="N/m of the mesh along the line of action",
-    of_machine=_of_machine,
-)
+(KAPPA,) = parameters_in(__file__)
 
 
 @dataclass(frozen=True)
@@ -43,7 +31,7 @@ class Stiff(Model):
 
     name = "stiff"
     title = "stiff walls"
-    added = (KAPPA,)
+    added = (replace(KAPPA, of_machine=_of_machine),)
     has = frozenset({Capability.PERIOD_ONE, Capability.BALANCE, Capability.INTENSITY, Capability.PROOFS})
     functions: ClassVar[Functions] = stiff
     classifier = StiffClassifier
