@@ -85,9 +85,8 @@ class Sampled:
         budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
         None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.
         Deterministic in all arguments. Of the stiff gear quiet is a contact that never ends, labels P(m, n₊, n₋) count
-        contacts, and above κ ≈ 1e8 a motion that becomes quiet may be left undecided: it needs some √κ returns. Raises
-        ParameterError. What a label means, with its error:
-        docs/decisions/0026-labels.md.
+        contacts, and above a stiffness of 1e8 or so a motion that becomes quiet may be left undecided: it needs some
+        10,000 returns. Raises ParameterError. What a label means, with its error: docs/decisions/0026-labels.md.
         """
         table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return listed(table, table.samples)

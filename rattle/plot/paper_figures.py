@@ -107,9 +107,8 @@ class Request:
     def draw(self) -> Drawing:
         """Compute and draw. Raises RattleError."""
         figure = FIGURES[self.number]
-        if not self.added or figure.stiff is None:
-            return figure.draw(self.delta, self.epsilon, self.beta)
-        return figure.stiff(self.delta, self.epsilon, self.beta, **self.added)
+        drawn_by: Callable[..., Drawing] = figure.draw if not self.added or figure.stiff is None else figure.stiff
+        return drawn_by(self.delta, self.epsilon, self.beta, **self.added)
 
 
 @dataclass(frozen=True)

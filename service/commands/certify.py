@@ -189,7 +189,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
         survey = slice_of(whole, slice_number)
         number = len(claims_of(survey))
         here = processes == 1 and scheduler is None
-        cluster = nullcontext() if here else started(None, scheduler, processes, stop.is_set)
+        cluster = nullcontext() if here else started({}, scheduler, processes, stop.is_set)
         try:
             with cluster as client, reporter(number, what="motions") as progress:
 

@@ -94,7 +94,7 @@ def figure(
 
 
 def _requests(
-    what: list[str], delta: list[str], epsilon: list[str], beta: float | None, numbers: Mapping[str, float]
+    what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
     """The figures that are asked for, all checked before the first is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
@@ -104,16 +104,14 @@ def _requests(
         if each not in (ALL, STIFF) and not each.isdecimal():
             raise typer.BadParameter(f"{each!r} is no number of a figure", param_hint="NUMBER")
         numbers += sorted(FIGURES) if each == ALL else [] if each == STIFF else [int(each)]
-    for name in numbers:
+    for name in added:
         if STIFF in what:
             raise typer.BadParameter(
                 f"stiff has its own numbers: --{name} is for Figures 5 and 9", param_hint=f"--{name}"
             )
     values = parse("--delta", delta), parse("--epsilon", epsilon)
     beta = BETA if beta is None else beta
-    requests: list[Request | StiffRequest] = [
-        request(each, *values, beta, **numbers) for each in dict.fromkeys(numbers)
-    ]
+    requests: list[Request | StiffRequest] = [request(each, *values, beta, **added) for each in dict.fromkeys(numbers)]
     return [*requests, stiff_request(*values, beta)] if STIFF in what else requests
 
 

@@ -48,9 +48,7 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and alone
                 processes = workers or PROCESSES
-                cluster = (
-                    nullcontext() if here else started(request.added_numbers, scheduler, processes, stop.is_set)
-                )
+                cluster = nullcontext() if here else started(request.added_numbers, scheduler, processes, stop.is_set)
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
                 if not stop.is_set():  # otherwise the stop is what ended the cluster

@@ -109,13 +109,13 @@ else:
 class _Head(Strict):
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)
-    beta: Annotated[Annotated[Real, Field(gt=0)] | Axis, NumberOrAxis] = BETA.default
+    beta: Annotated[Annotated[Real, Field(gt=0)] | Axis, NumberOrAxis] = BETA.example
 
 
 def _kind_of(parameter: Parameter) -> Any:
     """Return the type of the field of what a model adds: a number, or an axis where it may be one."""
-    upper = {"le": parameter.greatest} if math.isfinite(parameter.greatest) else {}
-    number: Any = Annotated[Real, Field(gt=0, **upper)]
+    most = parameter.greatest if math.isfinite(parameter.greatest) else None
+    number: Any = Annotated[Real, Field(gt=0, le=most)]
     return Annotated[number | Axis, NumberOrAxis] | None if parameter.is_axis else number | None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
@@ -128,5 +128,5 @@ async def curves(
         what="The curves",
         advice="Ask for a smaller window.",
     )
-    numbers = added_document(model.numbers)
+    numbers: dict[str, Any] = added_document(model.numbers)
     return Curves(beta=beta, **numbers, window=Rectangle(**window), **found)
