@@ -15,12 +15,9 @@ from rattle.parameters import BETA, Parameter, Parameters
 
 #: All models by name; the first is the one that is meant where nothing says which.
 MODELS: dict[str, type[Model]] = {
-    each.name: each
-    for each in (
-        Impacting,
-        Stiff,
-    )
-}
+    Impacting.name: Impacting,
+    Stiff.name: Stiff,
+}  # more of them here
 DEFAULT_MODEL = next(iter(MODELS))
 #: What models add to δ, ε and β, by name: no two of them add the same.
 ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}
