@@ -16,12 +16,13 @@ from rattle.attractors.cell_map import Box, cell_of, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import SAME_POINT
+from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, listed, tabulated
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, Dataset, Tabular, dataset_of
-from rattle.numerics.sampling import initial_conditions
 from rattle.numerics.states import box_of
+from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
 
@@ -45,31 +46,27 @@ def budget_of(delta: float, states: int) -> int:
 class Plane:
     """The states (τ, v) on Σ⁺ of a gear at one parameter point; arrays (k,).
 
-    classifier: the gear's. parameters: δ, ε, β and what the gear has besides.
+    classifier: the gear's. parameters: arrays (1,).
     """
 
     classifier: type[Classifier]
-    parameters: tuple[float, ...]
+    parameters: Parameters
 
     @property
     def delta(self) -> float:
         """Damping."""
-        return self.parameters[0]
+        return float(self.parameters.delta[0])
 
     @property
     def unit(self) -> float:
         """What speeds are measured in (`rattle.flight.law.speed_unit`)."""
-        return float(speed_unit(*self.parameters[:3]))
-
-    @property
-    def arrays(self) -> list[Array]:
-        """The parameters, each (1,)."""
-        return [np.array([x]) for x in self.parameters]
+        point = self.parameters.point()
+        return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """The states as samples of one cell, each followed to its end."""
         budget = budget_of(self.delta, tau.size)
-        return self.classifier.classify(self.arrays, tau[None].copy(), v[None].copy(), budget)
+        return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The states after so many returns, and whether they have become quiet on the way."""
@@ -77,14 +74,14 @@ class Plane:
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
         """The cell of every state: row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside."""
-        cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(*self.parameters)
-        cell_of(tau, v, n, box, *self.parameters[:2], quiet, cell)
+        cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
+        point = self.parameters.point()
+        cell_of(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
         """So many initial conditions."""
-        delta, epsilon, beta, *_ = self.arrays
-        tau, v = initial_conditions(delta, epsilon, beta, count, v_max, 0)
+        tau, v = SampleSpec(count, v_max).states(self.parameters)
         return tau[0], v[0]
 
 

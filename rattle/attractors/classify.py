@@ -8,7 +8,7 @@ the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -21,6 +21,7 @@ from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.attractors.samples import GRID, Sets, Trajectories, doubled, empty_tables
 from rattle.numerics.compile import compile_apart
+from rattle.parameters import Parameters
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
@@ -64,9 +65,9 @@ class Classifier(ABC):
     """The samples of a block of cells on their way, and what is known of the cells; a gear says how they go on."""
 
     model: ClassVar[str]  # its name, which says what kernels it needs
-    #: Cells with these parameters, all (n,): δ, ε, β and what the gear has besides, as kernels take them.
+    #: Cells with these parameters, all (n,), as kernels take them.
     cells_of: ClassVar[Callable[..., Any]]
-    #: The largest v³/g that is certain to become quiet at one parameter point, 0 if speeds do not tell.
+    #: The largest v³/g that is certain to become quiet at the first of these points, 0 if speeds do not tell.
     quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
@@ -85,14 +86,14 @@ class Classifier(ABC):
         self.enter_known_orbits()
 
     @classmethod
-    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Any:
+    def cells_of_orbits(cls, parameters: Parameters) -> Any:
         """The same where only periodic orbits are followed."""
-        return cls.cells_of(*parameters)
+        return cls.cells_of(parameters)
 
     @staticmethod
     @abstractmethod
     def iterated(
-        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+        parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
         one that goes on bouncing is located there.
@@ -101,14 +102,14 @@ class Classifier(ABC):
     @classmethod
     def classify(
         cls,
-        parameters: Sequence[NDArray[np.float64]],
+        parameters: Parameters,
         tau: NDArray[np.float64],
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
         """The samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget."""
         compile_apart("rattle.precompile", "survey", cls.model)
-        found = cls(cls.cells_of(*parameters), tau, v, budget)
+        found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found
 

@@ -10,21 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import pooled
-from rattle.attractors.classify import BUDGET, Classifier
+from rattle.attractors.classify import Classifier
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.rows import rows_of
-from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.errors import require, require_integer
+from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec
+from rattle.errors import require
 from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of
-from rattle.numerics.sampling import initial_conditions, wilson_interval
-from rattle.numerics.states import box_of
+from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.struct_of_arrays import StructOfArrays
+from rattle.parameters import Parameters
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
-MOST_SAMPLES = 1 << 20
-WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
-LARGEST_BUDGET = 1_000_000_000
-LARGEST_SEED = (1 << 128) - 1
 
 
 @dataclass(frozen=True)
@@ -213,31 +209,14 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
     return table.take(order), place[row]
 
 
-def of_samples(
-    classifier: type[Classifier],
-    cells: Sequence[NDArray[np.float64]],
-    count: int,
-    v_max: SpeedLimit,
-    seed: int,
-    budget: int = BUDGET,
-    tau: tuple[float, float] = (0.0, 1.0),
-    v_min: float = 0.0,
-) -> AttractorTable:
-    """The attractors of cells with these parameters (δ, ε, β and what the gear has besides), by its classifier. tau,
-    v_min: the box of states that the sample is of begins and ends there. Raises ParameterError.
-    """
-    budget = require_integer("budget", budget, 1, LARGEST_BUDGET)
-    count = require_integer("count", count, 1, MOST_SAMPLES)
-    seed = require_integer("seed", seed, 0, LARGEST_SEED)
-    flat = [np.array(x, order="C").ravel() for x in cells]
-    n = flat[0].size
-    require(n * count <= 64 * MOST_SAMPLES, f"{n} cells of {count} samples are too many at once: use tiles")
-    d, e, b = flat[:3]
-    highest = sampled_speeds(v_max, d, e, b)
-    if (*tau, v_min) != WHOLE and n:
-        box_of(tau, (v_min, float(highest.min())))
-    sample = initial_conditions(d, e, b, count, highest, seed, tau, v_min)
-    found = classifier.classify(flat, *sample, budget)
+def of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
+    """Return the attractors that a sample of each of these points finds. Raises ParameterError."""
+    cells = parameters.flat()
+    require(
+        cells.size * sample.count <= 64 * MOST_SAMPLES,
+        f"{cells.size} cells of {sample.count} samples are too many at once: use tiles",
+    )
+    found = classifier.classify(cells, *sample.states(cells), sample.budget)
     table, _rows = tabulated(found, missed=True)
     return table
 

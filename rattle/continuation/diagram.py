@@ -12,14 +12,14 @@ attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speeds
+from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
@@ -36,6 +36,7 @@ from rattle.notebook import (
     figure_of,
 )
 from rattle.notebook import motion as label_of
+from rattle.parameters import Parameters
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane
 MOST_STEPS = 20_000
@@ -167,7 +168,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
 
 
 def diagram_of(
-    model: Motions, beta: float, steps: int, count: int, v_max: SpeedLimit, impacts: int, most: int, seed: int
+    model: Motions, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
 ) -> Diagram[Any, Any]:
     """The diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment
@@ -179,8 +180,8 @@ def diagram_of(
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
-    unit = float(sampled_speeds(None, *parameters[:3]).max()) / PAPER_SPEED
-    sampled = model.sampled(parameters, count, v_max, seed)
+    unit = float(replace(sample, v_max=None).highest(parameters).max()) / PAPER_SPEED
+    sampled = model.sampled(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):
         search.add(motion)
@@ -199,9 +200,9 @@ def diagram_of(
         segment,
         beta,
         position,
-        parameters[0],
-        parameters[1],
-        parameters[3] if len(parameters) > 3 else np.full(position.size, np.inf),
+        parameters.delta,
+        parameters.epsilon,
+        parameters.added.get("kappa", np.full(position.size, np.inf)),
         tuple(branches),
         tuple(sorted(search.events, key=lambda event: float(segment.position(event.parameters)))),
         sweeps.points(position, CHAOTIC_POINTS),
@@ -222,7 +223,7 @@ def require_end(name: str, value: ArrayLike) -> Array:
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
-def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search, unit: float) -> Iterator[Motion]:
+def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
     """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
     last: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
     for step, here in enumerate(sweeps.known):
@@ -238,8 +239,7 @@ def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search, unit: f
             age = near[0] + 1 if near else 0
             now.setdefault(known.label, []).append((age, known))
             if age % CHECKED == 0:
-                at = tuple(float(x[step]) for x in parameters)
-                found = search.model.near(at, known.tau, known.v, n_plus)
+                found = search.model.near(parameters.point(step), known.tau, known.v, n_plus)
                 if found is not None:
                     yield found
         last = now

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.table import AttractorTable, tabulated
 from rattle.continuation.motions import Motions
+from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
 STEP = (1, -1)
@@ -91,9 +92,9 @@ class _Run:
 class Sweeps:
     """Sweeps over steps of a model; to begin with, a table of what samples find there is known, cell by cell."""
 
-    def __init__(self, model: Motions, steps: tuple[Array, ...], table: AttractorTable) -> None:
+    def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
-        self.known: list[list[Known]] = [[] for _ in steps[0]]
+        self.known: list[list[Known]] = [[] for _ in range(steps.size)]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
         for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
@@ -142,7 +143,7 @@ class Sweeps:
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
         at = [run.step for run in runs]
-        classifier = self.model.classify(tuple(np.ascontiguousarray(x[at]) for x in self.steps), tau, v)
+        classifier = self.model.classify(self.steps.take(at), tau, v)
         table, rows = tabulated(classifier)
         for i, run in enumerate(runs):
             first = i * count
@@ -188,13 +189,13 @@ class Sweeps:
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
         label[kind != Outcome.PERIODIC] = 0
         size = np.where(kind == Outcome.PERIODIC, label[:, 1], chaotic)
-        owner, tau, v = self._impacts(visits, size, tuple(x[step] for x in self.steps))
+        owner, tau, v = self._impacts(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
         return Points(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
     def _impacts(
-        self, visits: Iterable[Visit], size: NDArray[np.int64], steps: tuple[Array, ...]
+        self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
         """So many states (size,) from each visit's on: number of the visit, τ, v, in the order of the visits."""
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
@@ -207,7 +208,7 @@ class Sweeps:
             order.append(np.full(which.size, i))
             tau.append(t)
             v.append(speed)
-            t, speed = self.model.returned(tuple(x[which] for x in steps), t, speed)
+            t, speed = self.model.returned(steps.take(which), t, speed)
         if not owner:
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
         numbers = np.concatenate(owner)

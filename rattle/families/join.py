@@ -9,13 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.classify import Classifier
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, of_samples
-from rattle.errors import parameters, real_array, require, require_number
+from rattle.errors import real_array, require, require_number
 from rattle.families.footprints import overlaps
 from rattle.families.spread import NOWHERE, OF_ORBIT, Linked, Rectangle, lead, spread
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
 from rattle.families.table import Families, tabulated
+from rattle.parameters import Parameters
 
 AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
 STEPS = 64  # from a cell to the next, of an orbit that leads to another and is not led back to
@@ -34,23 +35,15 @@ def families_over(
     classifier: type[Classifier],
     delta: ArrayLike,
     epsilon: ArrayLike,
-    gear: dict[str, float],
-    count: int,
-    v_max: SpeedLimit,
-    seed: int,
-    budget: int,
+    others: dict[str, float],
+    sample: SampleSpec,
 ) -> Families:
-    """The families of a gear's attractors; gear: β and what it has besides. See `rattle.families_of`."""
+    """Return the families of a gear's attractors; others: β and what it has besides. See `rattle.families_of`."""
     delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
-    gear = {name: require_number(name, x, positive=True) for name, x in gear.items()}
-    flat = grid_of(delta, epsilon, **gear)
-    table = of_samples(classifier, flat, count, v_max, seed, budget)
-    return joined(delta, epsilon, count, table, classifier.cells_of(*flat))
-
-
-def grid_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], **gear: float) -> list[NDArray[np.float64]]:
-    """The parameters of the cells epsilon (m,) × delta (n,) row by row, each (m n,). Raises ParameterError."""
-    return [np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], **gear)]
+    others = {name: require_number(name, x, positive=True) for name, x in others.items()}
+    cells = Parameters.of(classifier.model, delta, epsilon[:, None], **others).flat()
+    table = of_samples(classifier, cells, sample)
+    return joined(delta, epsilon, sample.count, table, classifier.cells_of(cells))
 
 
 def joined(

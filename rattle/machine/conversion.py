@@ -45,12 +45,6 @@ def half_backlash(backlash: Any, radius: Any, drive: str) -> Any:
     return DRIVES[drive] * backlash / (2.0 * radius)
 
 
-def wall_stiffness(stiffness: Any, inertia: Any, radius: Any, speed: Any, drive: str) -> Any:
-    """κ."""
-    turned = TWO_PI * radius / speed
-    return stiffness * turned * turned / (DRIVES[drive] * inertia)
-
-
 def units(inertia: Any, radius: Any, speed: Any, drive: str) -> Units:
     """From the model back to SI units."""
     length, time = radius / DRIVES[drive], TWO_PI / speed

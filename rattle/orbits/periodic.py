@@ -164,6 +164,11 @@ class Periodic(ABC):
         """Its parameters, as kernels take them."""
 
     @property
+    def added(self) -> tuple[str, ...]:
+        """The names of its parameters beside δ, ε and β."""
+        return ()
+
+    @property
     def tau(self) -> float:
         """Phase at which it first leaves Σ⁺, in [0, 1)."""
         return float(law.folded(self.departures[0]))

@@ -11,7 +11,7 @@ from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import require
 from rattle.flight.forcing import phase_of_entry
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, sample_of, unit_of
 
@@ -63,7 +63,7 @@ def tipping(
     The sample is that of `before.attractors`, or own states (τ, v). Both gears must be of one kind. Raises
     ParameterError.
     """
-    require(model_at(before).name == model_at(after).name, "both gears must be of one model")
+    require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
     on = [lift_off(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]

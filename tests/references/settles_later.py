@@ -32,6 +32,7 @@ from rattle.impacting.map.quiet import capture_invariant
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import initial_conditions
+from rattle.parameters import Parameters
 from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map.flow import QUIET
 from rattle.stiff.map.return_map import StiffPoint, step
@@ -129,9 +130,9 @@ def watched(point, count=COUNT):
     states = initial_conditions(*arrays, count, v_max, 0)
     is_stiff = np.isfinite(point[3])
     found = (
-        StiffClassifier.classify((*arrays, kappa), *states)
+        StiffClassifier.classify(Parameters.of("stiff", *arrays, kappa=kappa), *states)
         if is_stiff
-        else ImpactingClassifier.classify(arrays, *states)
+        else ImpactingClassifier.classify(Parameters.of("impacting", *arrays), *states)
     )
     seconds = time.process_time() - began
     table, row = tabulated(found)

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.outcome import Outcome
-from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import MOST_SAMPLES
+from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, sampled_speeds
 from rattle.errors import parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
@@ -26,6 +25,7 @@ from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol
 from rattle.orbits.iterates import fold
+from rattle.parameters import Parameters
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
@@ -80,7 +80,8 @@ class _Cells:
         self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
         self.sampled = self.strip_and_plane(n)
         tau, v = (each.copy() for each in self.sampled)
-        self.classifier = ImpactingClassifier.classify((delta, epsilon, beta), tau, v)
+        at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
+        self.classifier = ImpactingClassifier.classify(at, tau, v)
         status, impacts = self.classifier.status, self.classifier.impacts
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,20 +11,27 @@ from rattle.attractors.ball import Centres
 from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
 from rattle.attractors.samples import Trajectories
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
-from rattle.errors import parameters
 from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import stable_cells
+from rattle.parameters import Parameters
 
 
-def cells_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64]) -> Cells:
-    """Cells with these parameters (n,), as kernels take them."""
+def cells_of(parameters: Parameters) -> Cells:
+    """Return cells with these parameters (n,), as kernels take them."""
+    delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
     return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+
+
+def quiet_invariant(parameters: Parameters) -> float:
+    """Return the largest v³/g that is certain to become quiet at the first of these points."""
+    point = parameters.point()
+    return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
 
 class ImpactingClassifier(Classifier):
@@ -41,21 +47,19 @@ class ImpactingClassifier(Classifier):
 
     model = "impacting"
     cells_of = staticmethod(cells_of)
-    quiet_invariant = staticmethod(capture_invariant)
+    quiet_invariant = staticmethod(quiet_invariant)
 
     @classmethod
-    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Cells:
+    def cells_of_orbits(cls, parameters: Parameters) -> Cells:
         """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
-        delta, epsilon, beta = parameters
-        return Cells(delta, epsilon, beta, np.zeros(delta.size))
+        return Cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
-        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+        parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """See `Classifier`; a trajectory that becomes quiet goes on bouncing."""
-        delta, epsilon, beta = parameters
-        moved = iterate(delta, epsilon, tau, v, returns, beta)
+        moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
     @property
@@ -113,4 +117,5 @@ def attractors_of(
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
     a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max). Raises ParameterError.
     """
-    return of_samples(ImpactingClassifier, parameters(delta, epsilon, beta), count, v_max, seed, budget, tau, v_min)
+    sample = SampleSpec(count, v_max, seed, budget, tau, v_min)
+    return of_samples(ImpactingClassifier, Parameters.of(ImpactingClassifier.model, delta, epsilon, beta), sample)

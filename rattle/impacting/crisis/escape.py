@@ -24,6 +24,7 @@ from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.iterates import fold
 from rattle.orbits.saddles import Array
+from rattle.parameters import Parameters
 
 Flags = NDArray[np.bool_]
 NEAREST = 1e-7  # distance from A in (τ, v) at which the samples begin
@@ -117,7 +118,8 @@ class Followed:
         self.s = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
         tau, v = fold(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
         self.samples = begun(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
-        self.classifier = ImpactingClassifier(cells_of(a.delta, a.epsilon, a.beta), nothing, nothing)
+        at = Parameters(ImpactingClassifier.model, a.delta, a.epsilon, a.beta)
+        self.classifier = ImpactingClassifier(cells_of(at), nothing, nothing)
         self.classifier.settle(np.arange(cell.size), self.samples)
 
     @property

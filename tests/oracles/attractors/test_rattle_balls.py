@@ -16,6 +16,7 @@ from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.iterate import working_block
 from rattle.numerics.sampling import initial_conditions
+from rattle.parameters import Parameters
 
 RNG = np.random.default_rng(45)  # of the planes
 PLANES = {
@@ -31,7 +32,7 @@ def around_orbits(delta, share, beta):
     epsilon = share * rattle.quiet_limit(delta)
     speeds = sampled_speeds(None, delta, epsilon, beta)
     states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)
-    found = ImpactingClassifier.classify((delta, epsilon, beta), *states, 20_000)
+    found = ImpactingClassifier.classify(Parameters.of("impacting", delta, epsilon, beta), *states, 20_000)
     return found, centres_of(np.zeros(delta.size, np.int64), found.orbits, found.cells)
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import rattle
+from rattle.attractors import SampleSpec
 from rattle.attractors.outcome import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.intensity.table import Intensities
-from rattle.models import AnyModel, model_of
+from rattle.models import Model, model_of
 
 FIELDS = ("impacts_plus", "impacts_minus", "mean_speed", "largest_speed", "energy", "contact", "impulse")
 DELTA = {"impacting": np.linspace(0.4, 1.0, 60), "stiff": np.array([0.4, 0.6, 0.8])}
@@ -18,10 +19,10 @@ EPSILON = {"impacting": np.tile([0.05, 0.1, 0.2], 20), "stiff": np.array([0.2, 0
 
 
 @pytest.fixture(scope="module", params=["impacting", "stiff"])
-def found(request: pytest.FixtureRequest) -> tuple[AnyModel, np.ndarray, np.ndarray, AttractorTable, Intensities]:
+def found(request: pytest.FixtureRequest) -> tuple[Model, np.ndarray, np.ndarray, AttractorTable, Intensities]:
     delta, epsilon = DELTA[request.param], EPSILON[request.param]
-    model = model_of(0.6, 1e4 if request.param == "stiff" else None)
-    table = model.attractors_of(delta, epsilon, 16)
+    model = model_of(0.6, kappa=1e4 if request.param == "stiff" else None)
+    table = model.attractors_of(delta, epsilon, SampleSpec(16))
     return model, delta, epsilon, table, model.intensities_of(delta, epsilon, table)
 
 
@@ -62,7 +63,7 @@ def test_a_stable_c_has_one_impact_of_speed_2_pi_delta() -> None:
     for each in delta:
         model = model_of(5 * each)
         epsilon = 0.5 * float(sn1_formula(each) + flip_formula(each))
-        table = model.attractors_of(each, epsilon, 64)
+        table = model.attractors_of(each, epsilon, SampleSpec(64))
         rattles = model.intensities_of(each, epsilon, table)
         row = np.flatnonzero((table.m == 1) & (table.n_plus == 1) & (table.n_minus == 0))
         assert row.size == 1
@@ -92,7 +93,7 @@ def test_chaos_is_that_of_a_longer_watch_within_its_errors(found) -> None:
 def test_a_cell_does_not_depend_on_the_others(found) -> None:
     model, delta, epsilon, table, rattles = found
     for cell in table.cell[np.flatnonzero(table.kind == Outcome.CHAOTIC)][:2]:
-        alone = model.attractors_of(delta[cell], epsilon[cell], 16)
+        alone = model.attractors_of(delta[cell], epsilon[cell], SampleSpec(16))
         again = model.intensities_of(delta[cell], epsilon[cell], alone)
         for one, all_ in zip(again, rattles, strict=True):
             np.testing.assert_array_equal(one, all_[table.cell == cell])
@@ -100,7 +101,7 @@ def test_a_cell_does_not_depend_on_the_others(found) -> None:
 
 def test_chaos_that_comes_to_rest_is_not_known() -> None:
     model = model_of(0.6)
-    table = model.attractors_of(0.6, 0.05, 8)
+    table = model.attractors_of(0.6, 0.05, SampleSpec(8))
     assert list(table.kind) == [Outcome.QUIET]
     wrong = table.replace(kind=np.array([Outcome.CHAOTIC]), tau=np.array([0.3]), v=np.array([1.0]))
     assert all(np.isnan(values).all() for values in model.intensities_of(0.6, 0.05, wrong))

@@ -50,8 +50,7 @@ class Evidence:
                 self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
         if not self.sampled:
             return
-        sample = own.count, own.v_max, own.seed, own.budget, own.tau, own.v_min
-        found = model.attractors_of(delta, epsilon, *sample)
+        found = model.attractors_of(delta, epsilon, own.sample)
         found = found.replace(cell=cells[found.cell])
         for which, kind in enumerate(SEEN):
             np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])
