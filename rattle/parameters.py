@@ -71,7 +71,7 @@ class Parameter:
 
     @property
     def in_words(self) -> str:
-        """Its name and letter in a list of what a gear has, such as "walls of stiffness κ"."""
+        """Its name and letter in a list of what a gear has, such as "walls" and their stiffness."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
 
@@ -123,7 +123,8 @@ class Parameters:
     @classmethod
     def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
         """Broadcast values to one shape. Raises ParameterError unless δ > 0, ε ≥ 0 and all others > 0."""
-        d, e, b, *others = parameters(delta, epsilon, beta, **added)
+        # copies, for kernels: what is broadcast cannot be written to
+        d, e, b, *others = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **added))
         return cls(model, d, e, b, dict(zip(added, others, strict=True)))
 
     @property

@@ -11,7 +11,7 @@ give I φ'' + c φ' = 2cΩ − 2F r: in forcing periods 2π/Ω the paper's (2.1)
     δ = 2πc/(IΩ),      ε = e/r,      β = j/2r.
 
 Drive "speed" imposes θ₁ = Ωt, so I φ'' + c φ' = cΩ − F r, with half the drift: Φ, ε and β of the model are then twice
-those above, and κ is half. docs/decisions/0025-machine.md has every step.
+those above, and a stiffness counts half. docs/decisions/0025-machine.md has every step.
 """
 
 import math
