@@ -371,7 +371,7 @@ class Forcing:
 
     def relative_swing(self, delta: ArrayLike) -> NDArray[np.float64]:
         """Return the swing of the contact force over its mean; above 1 the force changes sign."""
-        return np.asarray(self.epsilon * np.hypot(TWO_PI, delta) / (2.0 * np.asarray(delta)))
+        return np.asarray(0.5 * (self.epsilon * np.hypot(TWO_PI, delta) / np.asarray(delta)))
 
     def least_force(self, delta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the smallest contact force of a period."""
