@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Self
 import httpx
 from httpx_sse import SSEError, connect_sse
 
+from gear_rattle.service.declared import added
 from gear_rattle.service.errors import ResponseError, ServiceError, WaitTimeoutError
 from gear_rattle.service.results import key_headers, open_family, open_results
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     from gear_rattle.workers import AnyRequest, PopulationRequest, SurveyRequest
 
-AXES, OF_A_MACHINE = ("delta", "epsilon", "beta", "kappa"), ("rpm", "eccentricity")
+OF_A_MACHINE = ("rpm", "eccentricity")
 AXIS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
@@ -322,7 +323,7 @@ class Job:
 
 def _body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
     given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
-    body = _with_axes({**given, **fields}, AXES)
+    body = _with_axes({**given, **fields}, ("delta", "epsilon", "beta", *added()))
     if isinstance(machine := body.get("machine"), Mapping):
         body["machine"] = _with_axes(machine, OF_A_MACHINE)
     return {name: _plain(value) for name, value in body.items()}

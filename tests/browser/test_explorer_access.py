@@ -58,9 +58,13 @@ def test_a_page_that_asks_somebody_else_is_found_out(browser: Browser) -> None:
         visit()
 
 
+#: What a browser says of a service that ended, and of the page that it had.
+REFUSED = ("WebSocket connection", "Could not open websocket")
+
+
 def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Browser, asking: Asking) -> None:
     url, tokens, process, again = asking
-    with visiting(browser, url, allowed=("net::ERR_",)) as context:
+    with visiting(browser, url, allowed=("net::ERR_", *REFUSED)) as context:
         page = context.new_page()
         page.goto(f"{url}/?theme=dark")
         page.get_by_label("API key").fill(tokens["read"])
@@ -113,7 +117,6 @@ window.WebSocket = class extends Socket {
   }
 }
 """
-REFUSED = ("WebSocket connection", "Could not open websocket")
 
 
 @pytest.mark.parametrize(("refused", "opened"), [pytest.param(2, True, marks=deep), (100, False)])
