@@ -12,7 +12,7 @@ GLOSSARY = (DOCS / "glossary.md").read_text()
 OWN_TERMS = 20
 DECISION_LINES = 40
 #: `rattle paper` writes the first; the others describe code by the names that it has today.
-WITHOUT_RULES = {"paper.md", "map.md", "operations.md", "kernel.md"}
+WITHOUT_RULES = {"paper.md", "map.md", "kernel.md"}
 #: Words of an older vocabulary, and the term that replaced each.
 REPLACED = {
     r"witness(es)?": "probe",
