@@ -141,8 +141,8 @@ PLAIN = {b"Sec-Fetch-Site: same-origin\r\n": b""}
 @pytest.mark.parametrize(
     ("path", "replaced", "said"),
     [
-        ("/rattle/", {b" /rattle/": b" /"}, "'/rattle/', and works at the root of a host only"),
-        ("/rattle", {b" /rattle/": b" /", b" /rattle ": b" / "}, "works at the root of a host only"),
+        ("/rattle/", {b" /rattle/": b" /"}, "the service with --root-path /rattle (RATTLE_ROOT_PATH=/rattle)"),
+        ("/rattle", {b" /rattle/": b" /", b" /rattle ": b" / "}, "X-Forwarded-Prefix: /rattle, which counts with"),
         ("/", PLAIN | {b"\r\nHost: ": b"\r\nHost: localhost\r\nX-Host: "}, "proxy_set_header Host $http_host"),
         ("/", {b"Upgrade: websocket\r\n": b""}, "must pass on websockets"),
     ],

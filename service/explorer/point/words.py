@@ -182,7 +182,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
     at = {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])
-    link = f'<a href="/v1/notebook?{escape(query)}" download>A notebook</a>'
+    link = f'<a href="v1/notebook?{escape(query)}" download>A notebook</a>'
     return f'<p class="faint">{link} computes what is shown here.</p>'
 
 

@@ -25,7 +25,7 @@ def settings_table() -> str:
     """Every setting, its default and what it is."""
     rows = ["| variable | default | |", "|---|---|---|"]
     for name, field in Settings.model_fields.items():
-        shown = "" if field.default in (None, ()) else f"`{field.default}`"
+        shown = "" if field.default in (None, (), "") else f"`{field.default}`"
         rows.append(f"| `RATTLE_{name.upper()}` | {shown} | {field.description or ''} |")
     return "\n".join(rows) + "\n"
 
