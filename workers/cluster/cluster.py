@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import json
 import logging
 import os
 import pickle
@@ -13,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import Any
@@ -24,6 +26,7 @@ from distributed.utils import silence_logging_cmgr
 
 import rattle
 from gear_rattle.workers.cluster import nannies
+from gear_rattle.workers.cluster.compatible import require_compatible
 from gear_rattle.workers.cluster.scratch import scratch_directory
 from gear_rattle.workers.errors import ClusterLostError, SurveyError
 from rattle.numerics import environment
@@ -223,10 +226,15 @@ def connect(url: str) -> Iterator[Client]:
     Its workers need this package in the same version, and the file system of the store. At `tls://host:8786`, dask's
     own settings `distributed.comm.tls` name the certificates.
 
+    Args:
+        url: address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read
+            anew at each call: a batch system starts the next scheduler elsewhere.
+
     Raises:
-        ClusterLostError: nothing answers at the address, or it has no workers.
-        SurveyError: its workers cannot run the kernels.
+        ClusterLostError: nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
+        SurveyError: its workers cannot run the kernels, or have other versions.
     """
+    url = _address_of(url)
     with ExitStack() as stack:
         # The client logs every lost connection with a traceback; here it becomes one exception.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
@@ -239,10 +247,25 @@ def connect(url: str) -> Iterator[Client]:
                 f"no dask scheduler with workers answers at {url} ({error}): start them, or correct it"
             ) from error
         try:
+            require_compatible(client)
             client.register_plugin(WarmKernels())
+        except SurveyError:
+            raise
         except Exception as error:
             raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
         yield client
+
+
+def _address_of(url: str) -> str:
+    """Return the address of a scheduler, which may be given as a scheduler file."""
+    if not url.endswith(".json"):
+        return url
+    try:
+        return str(json.loads(Path(url).read_text())["address"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ClusterLostError(
+            f"no dask scheduler has written the scheduler file {url} ({error}): start it, or correct the path"
+        ) from error
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
