@@ -81,19 +81,16 @@ def require_same_origin(headers: Headers) -> None:
         raise ForbiddenError(f"{said} {_host_advice(origin, headers)}" if site is None and origin else said)
 
 
-def require_root(headers: Headers, root: str) -> str:
-    """Compare the address of a page with what this service knows of it, and log what to set where they differ.
+def require_root(headers: Headers, root: str) -> None:
+    """Refuse to make a page that would not work where its browser has it, and log what to set.
 
     Args:
         headers: of the request for the page; its script says its address.
         root: path of the page, as this service knows it.
 
-    Returns:
-        What to set, for a page that works although its proxy passes on another host; else nothing.
-
     Raises:
-        ForbiddenError: the page would not work, because its proxy has it below another path, or names another host and
-            the browser does not say itself of which site a request is.
+        ForbiddenError: a proxy has it below another path than this service believes, or names another host here than
+            the browser does, which would have its websocket refused.
     """
     host, slash, path = headers.get("rattle-address", "").partition("/")
     why = ""
@@ -108,13 +105,9 @@ def require_root(headers: Headers, root: str) -> str:
         )
     elif host and host.lower() != headers.get("host", "").lower():
         why = _host_advice(host, headers)
-        if "sec-fetch-site" in headers:
-            log.warning("some links and older browsers will not work: %s", why)
-            return why
     if why:
         log.warning("the explorer cannot be opened: %s", why)
         raise ForbiddenError(why)
-    return ""
 
 
 def _host_advice(there: str, headers: Headers) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from typing import Any
 
@@ -25,7 +26,7 @@ def require_compatible(client: Client) -> None:
         A worker lacks this package, or has another version of it, of Python or of a library; the message names both.
     """
     found = client.run(find_spec, MODULE, on_error="return")
-    if without := [address for address, spec in found.items() if spec is None]:
+    if without := [address for address, spec in found.items() if not isinstance(spec, ModuleSpec)]:
         raise SurveyError(
             f"{_named(without)} cannot import {MODULE}: install it there, in the version of this process, with "
             f"pip install '{OURS}[workers]=={_here(client)}' (and [s3] for stores in a bucket)"

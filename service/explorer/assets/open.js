@@ -10,13 +10,6 @@ async function openPage() {
     throw new Error(problem?.detail ?? `The service, or a proxy before it, answers with status ${answer.status}.`)
   }
   document.body.append(document.createRange().createContextualFragment(await answer.text()))
-  const advice = answer.headers.get("Rattle-Advice")
-  if (!advice) return
-  const said = document.createElement("p")
-  said.id = "advice"
-  said.setAttribute("role", "alert")
-  said.textContent = advice
-  document.body.prepend(said)
 }
 
 openPage().catch((error) => {

@@ -152,7 +152,7 @@ class Explorer:
     async def _page(self, request: Request) -> Response:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
-        advice = require_root(request.headers, public_path("/"))
+        require_root(request.headers, public_path("/"))
         pages = await self.load()
         if len(pages.sessions()) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
@@ -160,7 +160,7 @@ class Explorer:
         SCHEME.set(request.headers.get("rattle-theme", ""))
         # one that is begun is finished, and ends by itself if the browser has left
         body = body_of(await asyncio.shield(pages.document(request)))
-        return HTMLResponse(body, headers=PAGE_HEADERS | ({"Rattle-Advice": advice} if advice else {}))
+        return HTMLResponse(body, headers=PAGE_HEADERS)
 
 
 LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
