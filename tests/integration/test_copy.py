@@ -55,7 +55,8 @@ def test_through_a_bucket_and_a_zip_file_and_back(survey: Path, tmp_path: Path) 
     said = command(survey, url)
     assert f"{len(before):,} files, {size:,} bytes, all checksums agree." in said
     bucket = Bucket(url)
-    assert dict(zip(keys := sorted(bucket.keys()), map(bucket.read, keys), strict=True)) == before
+    copied = list(bucket.keys())
+    assert dict(zip(copied, map(bucket.read, copied), strict=True)) == before
     command(url, tmp_path / "survey.zip")
     command(tmp_path / "survey.zip", tmp_path / "back.zarr")
     assert files_in(tmp_path / "back.zarr") == before
@@ -80,7 +81,7 @@ def test_a_copy_as_netcdf_holds_the_numbers_and_checksums(survey: Path, tmp_path
     with open_survey(survey, as_stored=True) as whole, xr.open_dataset(file, engine="h5netcdf") as found:
         for name, values in whole.data_vars.items():
             assert np.array_equal(found[name], values, equal_nan=values.dtype.kind == "f"), name
-            assert found[name].encoding["fletcher32"] is bool(values.ndim), name
+            assert found[name].encoding["fletcher32"] is bool(values.ndim and values.dtype.kind in "biuf"), name
 
 
 def test_an_interrupted_copy_is_no_store_and_is_continued(
