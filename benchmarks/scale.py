@@ -79,7 +79,6 @@ async def simulate(url: str, number: int) -> None:
     from gear_rattle.workers.storage import store
     from gear_rattle.workers.survey.manifest import digests
     from gear_rattle.workers.survey.tiles import TileRecord
-    from rattle.numerics import compile as kernels
 
     @lru_cache(maxsize=8)
     def contents(request: Any, shape: tuple[int, ...]) -> list[bytes]:
@@ -112,7 +111,7 @@ async def simulate(url: str, number: int) -> None:
         return tiles_of(request)
 
     runner.advance_tile = nothing
-    kernels.compile_apart = lambda *_: None
+
     cluster.rattle.precompile = lambda *_, **__: None
 
     def begin() -> Any:

@@ -10,10 +10,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
@@ -26,7 +28,6 @@ from distributed.utils import silence_logging_cmgr
 
 import rattle
 from gear_rattle.workers.cluster import nannies
-from gear_rattle.workers.cluster.compatible import require_compatible
 from gear_rattle.workers.cluster.scratch import scratch_directory
 from gear_rattle.workers.errors import ClusterLostError, SurveyError
 from rattle.numerics import environment
@@ -61,6 +62,11 @@ NOTES = {
 #: dask's HTTP servers, which every local account reaches, have no pages.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 SPANS = "spans"  # notes that are never given up, however old
+
+OURS, MODULE = "gear-rattle", "gear_rattle"
+#: Other versions of these do not understand each other, or compute other bits.
+PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
+SHOWN = 3  # workers that a message names
 
 
 class WarmKernels(WorkerPlugin):
@@ -254,6 +260,49 @@ def connect(url: str) -> Iterator[Client]:
         except Exception as error:
             raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
         yield client
+
+
+def require_compatible(client: Client) -> None:
+    """Compare versions of this process with those of all workers.
+
+    Raises
+    ------
+    SurveyError
+        A worker lacks this package, or has another version of it, of Python or of a library; the message names both.
+    """
+    found = client.run(find_spec, MODULE, on_error="return")
+    if without := [address for address, spec in found.items() if not isinstance(spec, ModuleSpec)]:
+        raise SurveyError(
+            f"{_named(without)} cannot import {MODULE}: install it there, in the version of this process, with "
+            f"pip install '{OURS}[workers]=={_here(client)}' (and [s3] for stores in a bucket)"
+        )
+    versions: Any = client.get_versions(packages=list(PACKAGES))
+    here = _versions(versions["client"])
+    others = {address: _versions(each) for address, each in versions["workers"].items()}
+    for name, version in here.items():
+        differing = {address: each[name] for address, each in others.items() if each[name] != version}
+        if differing:
+            theirs = ", ".join(sorted({each or "none" for each in differing.values()}))
+            raise SurveyError(
+                f"{_named(list(differing))} has {name} {theirs}, and this process has {name} {version or 'none'}: "
+                "install the same version on both"
+            )
+
+
+def _here(client: Client) -> str:
+    versions: Any = client.get_versions(packages=[OURS])
+    return str(versions["client"]["packages"][OURS] or "VERSION")
+
+
+def _versions(of: Mapping[str, Any]) -> dict[str, str | None]:
+    """Return versions by package, of Python the first two numbers."""
+    python = ".".join(str(of["host"]["python"]).split(".")[:2])
+    return {"Python": python} | {name: of["packages"].get(name) for name in PACKAGES}
+
+
+def _named(addresses: list[str]) -> str:
+    more = f" and {len(addresses) - SHOWN} more" if len(addresses) > SHOWN else ""
+    return ("the worker at " if len(addresses) == 1 else "workers at ") + ", ".join(sorted(addresses)[:SHOWN]) + more
 
 
 def _address_of(url: str) -> str:
