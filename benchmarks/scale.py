@@ -19,6 +19,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -80,6 +81,8 @@ async def simulate(url: str, number: int) -> None:
     from gear_rattle.workers.survey.manifest import digests
     from gear_rattle.workers.survey.tiles import TileRecord
 
+    encoding = threading.Lock()
+
     @lru_cache(maxsize=8)
     def contents(request: Any, shape: tuple[int, ...]) -> list[bytes]:
         import numpy as np
@@ -99,7 +102,8 @@ async def simulate(url: str, number: int) -> None:
 
     def nothing(request: Any, path: str, tile: Any, *_: Any) -> TileRecord:
         keys = store._keys(request, tile).values()
-        written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
+        with encoding:  # workers are threads of this process, and an encoder is one for all
+            written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
         place = store._place(path, request)
         for key, content in written.items():
             place.put(key, content)
