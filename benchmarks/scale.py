@@ -39,6 +39,7 @@ LIMITS = {
     "RATTLE_EXPLORER": "false",
     "RATTLE_PRELOAD": "false",
 }
+QUIET = {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": "10"}  # as deploy/ has it
 PROCESSES = 2  # of simulated workers
 STAY_SECONDS = 10.0  # after so long one of them leaves, and another one comes
 
@@ -195,7 +196,7 @@ def main() -> None:
     address = f"tcp://127.0.0.1:{port}"
     dask = (sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
     ours = (sys.executable, __file__, "--simulate", address, "--workers", str(given.workers // PROCESSES))
-    with tempfile.TemporaryDirectory(prefix="rattle-scale-") as directory, started(*dask) as scheduler:
+    with tempfile.TemporaryDirectory(prefix="rattle-scale-") as directory, started(*dask, **QUIET) as scheduler:
         data = Path(directory) / "data"
         with started(*ours), started(*ours):
             with service(data, address) as (url, front):

@@ -13,6 +13,8 @@ export RATTLE_CACHE_DIR=${RATTLE_CACHE_DIR:-$shared/rattle-kernels}
 export NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # A frozen worker is replaced, and a tile that kills workers computed apart, as soon as in the embedded cluster.
 export DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL=60s DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=1
+# Else the last thousand messages of every connection are kept, with what is in them.
+export DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH=10
 interface=(${RATTLE_INTERFACE:+--interface "$RATTLE_INTERFACE"})
 program= limit_met=
 
