@@ -150,7 +150,11 @@ Workers = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(envvar="RATTLE_SCHEDULER", metavar="URL", help="An existing dask scheduler, such as tcp://host:8786."),
+    typer.Option(
+        envvar="RATTLE_SCHEDULER",
+        metavar="URL",
+        help="An existing dask scheduler, such as tcp://host:8786, or its scheduler file (….json).",
+    ),
 ]
 
 

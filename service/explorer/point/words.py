@@ -181,7 +181,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])
-    link = f'<a href="/v1/notebook?{escape(query)}" download>A notebook</a>'
+    link = f'<a href="v1/notebook?{escape(query)}" download>A notebook</a>'
     return f'<p class="faint">{link} computes what is shown here.</p>'
 
 

@@ -25,7 +25,7 @@ def settings_table() -> str:
     """Every setting, its default and what it is."""
     rows = ["| variable | default | |", "|---|---|---|"]
     for name, field in Settings.model_fields.items():
-        shown = "" if field.default in (None, ()) else f"`{field.default}`"
+        shown = "" if field.default in (None, (), "") else f"`{field.default}`"
         rows.append(f"| `RATTLE_{name.upper()}` | {shown} | {field.description or ''} |")
     return "\n".join(rows) + "\n"
 
@@ -37,6 +37,7 @@ def test_the_table_of_settings() -> None:
 
 def test_every_setting_that_is_named_exists() -> None:
     others = {"RATTLE_API_KEY", "RATTLE_CACHE_DIR", "RATTLE_URL", "RATTLE_SITE", "RATTLE_PUBLISH", "RATTLE_FRONT"}
+    others |= {"RATTLE_CLUSTER", "RATTLE_SHARED", "RATTLE_INTERFACE"}  # of deploy/slurm
     known = {f"RATTLE_{name.upper()}" for name in Settings.model_fields} | others
     assert set(re.findall(r"RATTLE_[A-Z_]+", TEXT)) <= known
 
