@@ -2,7 +2,7 @@
 
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import (
     LARGEST_BUDGET,
     NATURAL,

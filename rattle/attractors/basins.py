@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from rattle.attractors.cell_map import Box, cell_of, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
-from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import SAME_POINT
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, listed, tabulated
 from rattle.errors import require_integer, require_number, require_one_of

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor

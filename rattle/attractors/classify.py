@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
-from rattle.attractors.outcome import Outcome
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, Sets, Trajectories, doubled, empty_tables
+from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, doubled, empty_tables
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import Basins, Plane, classified
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval

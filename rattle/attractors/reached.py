@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.basins import Basins, Plane, Range, basins, classified
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, listed, of_samples
 from rattle.errors import ParameterError, real_array, require, require_number

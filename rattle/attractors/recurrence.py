@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.outcome import Outcome
-from rattle.attractors.samples import Balls, Orbits, Trajectories, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import Balls, Orbits, Outcome, Trajectories, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.impact_law import log_determinant
 from rattle.flight.law import speed_unit, wrapped

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
 Array = NDArray[np.float64]

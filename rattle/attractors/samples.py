@@ -1,8 +1,9 @@
-"""Samples on their way to attractors, the orbits and balls of capture that are known, and footprints (compiled)."""
+"""Samples and what ends them, known orbits, balls of capture and footprints (compiled)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,6 +19,25 @@ HIGHEST = 14.0  # units of speed in which a footprint ends
 RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
 Known = TypeVar("Known", bound=StructOfArrays)
 ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
+
+
+class Outcome(IntEnum):
+    """What has become of a sample; numba reads the members as constants.
+
+    UNRESOLVED: it goes on. QUIET: it is certain to stay in contact with Σ⁺. PERIODIC: a stable orbit has captured it.
+    CHAOTIC: it is on a chaotic attractor. UNDECIDED: nothing tells where it goes. RECURRENT: it has come back to where
+    it was, and its orbit is looked for; only on the way. FAILED: it cannot be followed; a table counts it as undecided.
+
+    Tables and stores hold the numbers from QUIET to UNDECIDED as kinds of attractors; `rattle.KINDS` has them in words.
+    """
+
+    UNRESOLVED = 0
+    QUIET = 1
+    PERIODIC = 2
+    CHAOTIC = 3
+    UNDECIDED = 4
+    RECURRENT = 5
+    FAILED = 6
 
 
 @dataclass(frozen=True, eq=False)

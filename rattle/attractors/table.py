@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import pooled
 from rattle.attractors.classify import Classifier
-from rattle.attractors.outcome import Outcome
 from rattle.attractors.rows import rows_of
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec
 from rattle.errors import require
 from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of

@@ -18,7 +18,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale

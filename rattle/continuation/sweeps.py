@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable, tabulated
 from rattle.continuation.motions import Motions
 from rattle.parameters import Parameters

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.classify import Classifier
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.errors import real_array, require, require_number

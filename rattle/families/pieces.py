@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.families.join import components, continued, entered, longer, room_for, spread_all, together
 from rattle.families.spread import OF_ORBIT, Rectangle, enter

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import mean_force

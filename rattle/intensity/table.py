@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.attractors.classify import PERIODS, WATCH
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import mean_force

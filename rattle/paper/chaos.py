@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import attractors_of

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import KINDS, Attractor
 from rattle.continuation.conditions import Kind
 from rattle.curves import codimension_two, trace

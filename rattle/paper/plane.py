@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.period_one import PeriodOne

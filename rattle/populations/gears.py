@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import PERIODS, WATCH
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import NATURAL, SampleSpec
 from rattle.attractors.table import AttractorTable, tabulated
 from rattle.impacting.attractors.boundary_distance import boundary_distances

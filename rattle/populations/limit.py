@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.attractors.classify import BUDGET
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import LARGEST_BUDGET, NATURAL, sampled_speeds
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
 from rattle.flight.forcing import least_damping

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.outcome import Outcome
 from rattle.attractors.reached import states_of
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulated
 from rattle.errors import require

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 import rattle
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import tabulated
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.law import natural_speed

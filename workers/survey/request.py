@@ -102,7 +102,7 @@ class TileShape(Strict):
 if TYPE_CHECKING:
     ModelName = str
 else:
-    ModelName = StrEnum("Model", {name.upper(): name for name in MODELS}, module=__name__)
+    ModelName = StrEnum("Model", {name.upper(): name for name in MODELS}, module=__name__, qualname="ModelName")
     ModelName.__doc__ = "A model of the gear."
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, sampled_speeds
 from rattle.errors import parameters, require
 from rattle.flight.first_impact import OK

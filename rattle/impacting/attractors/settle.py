@@ -9,8 +9,7 @@ sample. What becomes of a sample depends on its cell's known orbits and on nothi
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.outcome import Outcome
-from rattle.attractors.samples import ALIGNMENT, RECURRENCE, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
 from rattle.flight.contact_phase import is_captured
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (

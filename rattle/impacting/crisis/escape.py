@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import begun
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
 from rattle.flight.forcing import DRIFT
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of

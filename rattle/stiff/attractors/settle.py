@@ -8,8 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.outcome import Outcome
-from rattle.attractors.samples import ALIGNMENT, RECURRENCE, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import for_type, inline, kernel

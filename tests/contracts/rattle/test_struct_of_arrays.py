@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.attractors.outcome import Outcome
-from rattle.attractors.samples import doubled, empty_tables
+from rattle.attractors.samples import Outcome, doubled, empty_tables
 from rattle.numerics import StructOfArrays
 
 

@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, draws, 
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import differ
 from gear_rattle.workers.survey.refined.shares import _parts
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

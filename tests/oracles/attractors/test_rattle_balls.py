@@ -8,9 +8,8 @@ import pytest
 import rattle
 from rattle.attractors.ball import Centres, centres_of, enlarge_one_by_one
 from rattle.attractors.chaos import SAME_FOOTPRINT, group_numbers
-from rattle.attractors.outcome import Outcome
 from rattle.attractors.rows import rows_of
-from rattle.attractors.samples import GRID, Sets
+from rattle.attractors.samples import GRID, Outcome, Sets
 from rattle.attractors.speeds import sampled_speeds
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.classifier import ImpactingClassifier

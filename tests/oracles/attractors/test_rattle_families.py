@@ -6,7 +6,7 @@ from scipy.ndimage import label as components
 
 import rattle
 from rattle import stiff
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.families.pieces import Piece
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY
 from rattle.models import Impacting

@@ -9,7 +9,7 @@ from high_precision import Flight
 from mpmath import mp, mpf
 
 import rattle
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.crisis import boundary_crisis
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.attractors.settle import Cells

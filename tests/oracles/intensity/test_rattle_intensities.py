@@ -7,7 +7,7 @@ import pytest
 
 import rattle
 from rattle.attractors import SampleSpec
-from rattle.attractors.outcome import Outcome
+from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.intensity.table import Intensities
