@@ -8,7 +8,7 @@ import numpy as np
 from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
-from rattle.flight.forcing import later_phase, negative_arc
+from rattle.flight.forcing import later_phase, negative_arc, short_step
 from rattle.flight.guess import depth, first_guess, in_single, level_of, local_root, refined, taylor
 from rattle.flight.law import (
     Flight,
@@ -66,9 +66,9 @@ def stepped(u, f1, lost, sin1, cos1, flight):
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
     f4 = fourth_derivative(lost, sin1, cos1, flight)
-    x = flight.delta * u
+    step, x = short_step(u), flight.delta * u
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
-    sin2, cos2 = later_phase(u, sin1, cos1)
+    sin2, cos2 = later_phase(step, sin1, cos1)
     lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
     return w1, second_derivative(lost, sin2, cos2, flight), lost, sin2, cos2
 

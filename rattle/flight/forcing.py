@@ -84,12 +84,21 @@ def _forcing(real, versine, sine_defect):
         return q * versine(q), z - defect, two_pi * turns + defect
 
     @inline
-    def change(s, sin0, cos0, epsilon):
-        """e(t₀) + s e'(t₀) − e(t₁) and e'(t₀) − e'(t₁) from a phase to s later, with sine and cosine there."""
-        omc, siny, defect = versines(s)
-        dsin = cos0 * siny - sin0 * omc
-        cos1 = cos0 - (cos0 * omc + sin0 * siny)
-        return epsilon * (cos0 * omc - sin0 * defect), (two_pi * epsilon) * dsin, sin0 + dsin, cos1
+    def turned(step, sin0, cos0):
+        """The change of the sine, and the cosine, from a phase to s later; step: the `versines` of s."""
+        omc, siny, _defect = step
+        return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
+
+    @inline
+    def drop(step, sin0, cos0, epsilon):
+        """e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
+        omc, _siny, defect = step
+        return epsilon * (cos0 * omc - sin0 * defect)
+
+    @inline
+    def slowing(dsin, epsilon):
+        """e'(t₀) − e'(t₁), from what `turned` returns."""
+        return (two_pi * epsilon) * dsin
 
     @inline
     def plus_slope(x, sine, cosine, epsilon):  # noqa: ARG001
@@ -101,11 +110,17 @@ def _forcing(real, versine, sine_defect):
         """x + e''."""
         return x - two_pi * two_pi * epsilon * cosine
 
-    return versines, change, plus_slope, plus_acceleration
+    @inline
+    def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):  # noqa: ARG001
+        """x + e'' after what `turned` returns: the sine is not added up before it is needed."""
+        return x - two_pi * two_pi * epsilon * cos1
+
+    return versines, turned, drop, slowing, plus_acceleration_after, plus_slope, plus_acceleration
 
 
-versines, change, plus_slope, plus_acceleration = _forcing(np.float64, versine64, sine_defect64)
-versines32, change32, plus_slope32, plus_acceleration32 = _forcing(np.float32, versine32, sine_defect32)
+IN_DOUBLE, IN_SINGLE = _forcing(np.float64, versine64, sine_defect64), _forcing(np.float32, versine32, sine_defect32)
+versines, turned, drop, slowing, _plus_acceleration_after, plus_slope, plus_acceleration = IN_DOUBLE
+plus_slope32 = IN_SINGLE[5]
 
 
 @inline
@@ -129,11 +144,18 @@ def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 @inline
-def later_phase(u, sine, cosine):
-    """Sine and cosine of the phase a short time u later, by Taylor series: 1e-15 is left out for u up to 1e-4."""
+def short_step(u):
+    """1 − cos 2πu and sin 2πu of a short time by Taylor series: 1e-15 is left out for u up to 1e-4."""
     y = TWO_PI * u
-    omc, siny = y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
-    return sine + (siny * cosine - omc * sine), cosine - (siny * sine + omc * cosine)
+    return y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
+
+
+@inline
+def later_phase(step, sine, cosine):
+    """Sine and cosine of the phase after a `short_step`."""
+    omc, siny = step
+    cosine1 = cosine - (siny * sine + omc * cosine)
+    return sine + (siny * cosine - omc * sine), cosine1
 
 
 @inline
@@ -250,27 +272,44 @@ def negative_arc(delta, epsilon):
 
 
 @inline
-def plus_mean_acceleration32(x, turned, sin0, cos0, epsilon):
-    """x + the mean of e'' over a time turned/2π from a phase on, turned ≤ 2π: a guess."""
-    square = turned * turned
-    cosine = (
+def mean_cosine32(angle, sin0, cos0):
+    """The mean cosine over a time angle/2π from a phase on, angle ≤ 2π: a guess."""
+    square = angle * angle
+    return (
         degree_4(coefficients.MEAN_COSINE_32, square) * cos0
-        - turned * degree_4(coefficients.MEAN_SINE_32, square) * sin0
+        - angle * degree_4(coefficients.MEAN_SINE_32, square) * sin0
     )
-    return x - W2 * epsilon * cosine
 
 
 @inline
-def higher_derivatives32(sine, cosine, epsilon):
-    """e''', e⁗ and −e⁽⁵⁾."""
-    return W3 * epsilon * sine, W4 * epsilon * cosine, W5 * epsilon * sine
+def plus_mean_acceleration32(x, mean_cosine, epsilon):
+    """x + the mean of e'', from what `mean_cosine32` returns."""
+    return x - W2 * epsilon * mean_cosine
 
 
 @inline
-def change_scale32(s, epsilon):
-    """The size of e(t + s) − e(t) − s e'(t), up to which its rounding is relative."""
+def third_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+    """e'''."""
+    return W3 * epsilon * sine
+
+
+@inline
+def fourth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+    """e⁗."""
+    return W4 * epsilon * cosine
+
+
+@inline
+def minus_fifth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+    """−e⁽⁵⁾."""
+    return W5 * epsilon * sine
+
+
+@inline
+def change_scale32(s):
+    """The size of e(t + s) − e(t) − s e'(t) over ε, up to which its rounding is relative."""
     y = W1 * s
-    return epsilon * min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
+    return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
@@ -304,10 +343,15 @@ def largest_sixth32(epsilon):
 
 
 @inline
-def slope_losses_to_arc32(inside, sin0, arc, epsilon):
-    """e'(t₀) − e' at the entry to the arc (at t₀ if the departure is inside) and at its exit."""
-    moved_entry, moved_exit = (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
-    return W1 * epsilon * moved_entry, W1 * epsilon * moved_exit
+def sine_changes_to_arc32(inside, sin0, arc):
+    """The change of the sine until the entry to the arc (none if the departure is inside) and until its exit."""
+    return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
+
+
+@inline
+def plus_slope_change32(x, dsin, epsilon):
+    """x + the change of e' that belongs to this change of the sine."""
+    return x - W1 * epsilon * dsin
 
 
 # ---- analytic in time: complex phases carry exact derivatives (`rattle.flight.between`)

@@ -21,11 +21,14 @@ from rattle.flight.forcing import (
     Q,
     change_scale32,
     coarse_change_scale32,
-    higher_derivatives32,
+    fourth_derivative32,
     largest_sixth32,
+    mean_cosine32,
+    minus_fifth_derivative32,
     plus_mean_acceleration32,
     plus_slope32,
     slope_range32,
+    third_derivative32,
 )
 from rattle.flight.law import LONGEST_DECAY, Flight, evaluate32
 from rattle.numerics.compile import inline
@@ -76,7 +79,8 @@ def first_guess(wall, gap, inverse_delta, flight):
     u = speed * PER_DRIFT
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta  # 2π × the time to stop without forcing
     y = min(y, W1)
-    force = plus_mean_acceleration32(delta * (Q + f32(0.5) * speed), y, sin0, cos0, epsilon)
+    cosine = mean_cosine32(y, sin0, cos0)
+    force = plus_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
     way, pace = speed, max(force, f32(0.35) * Q * delta)  # turning: speed over force; arriving: gap over speed
@@ -107,10 +111,9 @@ def taylor(s, flight):
     f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
     delta, epsilon = flight.delta, flight.epsilon
     b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
-    e3, e4, minus_e5 = higher_derivatives32(sin1, cos1, epsilon)
-    c3 = (e3 - delta * b) * f32(1 / 6)
-    c4 = (e4 + delta * delta * b) * f32(1 / 24)
-    c5 = (minus_e5 + delta * delta * delta * b) * f32(-1 / 120)
+    c3 = (third_derivative32(sin1, cos1, epsilon) - delta * b) * f32(1 / 6)
+    c4 = (fourth_derivative32(sin1, cos1, epsilon) + delta * delta * b) * f32(1 / 24)
+    c5 = (minus_fifth_derivative32(sin1, cos1, epsilon) + delta * delta * delta * b) * f32(-1 / 120)
     return f0, f1, f32(0.5) * f2, c3, c4, c5
 
 
@@ -118,7 +121,8 @@ def taylor(s, flight):
 def height_scale(s, flight):
     """The sum of the sizes of the terms of F after s, up to which its rounding is relative."""
     w, a, _sin0, _cos0, delta, epsilon = flight
-    return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + change_scale32(s, epsilon)
+    forced = change_scale32(s)
+    return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
 
 
 @inline

@@ -18,14 +18,13 @@ import numpy as np
 from rattle.flight import coefficients, forcing
 from rattle.flight.forcing import (
     Real,
-    change,
-    change32,
+    drop,
     largest_slope,
     phase_at,
     plus_acceleration,
-    plus_acceleration32,
     plus_slope,
     slope_loss,
+    versines,
 )
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.polynomial import degree_6, degree_12
@@ -85,28 +84,29 @@ def decay32(x):
     return degree_6(coefficients.DECAY_32, x)
 
 
-def _law(real, decay, change, plus_acceleration):
+def _law(real, decay, forced):
     """The flight law in one precision: an inline kernel, straight-line code that a loop over flights vectorises."""
-    one = real(1.0)
+    one, (versines, turned, drop, slowing, plus_acceleration_after) = real(1.0), forced[:5]
 
     @inline
     def evaluate(s, flight):
         """F, F' and F'' after s, with 1 − e^(−δs) and the forcing's sine and cosine there; δs in [−0.05, 2]."""
         w, a, sin0, cos0, delta, epsilon = flight
-        drop, slowing, sin1, cos1 = change(s, sin0, cos0, epsilon)
+        step = versines(s)
         x = delta * s
         k = x * decay(x)  # k(δs)/(δs)
         lost = x * (one - k)  # 1 − e^(−δs)
-        f0 = s * (w + a * k) - drop
-        f1 = w + a * lost - slowing
-        f2 = plus_acceleration(delta * a * (one - lost), sin1, cos1, epsilon)
-        return f0, f1, f2, lost, sin1, cos1
+        dsin, cos1 = turned(step, sin0, cos0)
+        f0 = s * (w + a * k) - drop(step, sin0, cos0, epsilon)
+        f1 = w + a * lost - slowing(dsin, epsilon)
+        f2 = plus_acceleration_after(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
+        return f0, f1, f2, lost, sin0 + dsin, cos1
 
     return evaluate
 
 
-evaluate_short = _law(np.float64, decay64, change, plus_acceleration)
-evaluate32 = _law(np.float32, decay32, change32, plus_acceleration32)
+evaluate_short = _law(np.float64, decay64, forcing.IN_DOUBLE)
+evaluate32 = _law(np.float32, decay32, forcing.IN_SINGLE)
 
 
 @inline
@@ -130,9 +130,8 @@ def evaluate(s, flight):
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)
     if -0.05 <= x <= LONGEST_DECAY:
         return f0, f1, f2, lost, sin1, cos1
-    drop, _slowing, _s, _c = change(s, sin0, cos0, epsilon)
     lost = -math.expm1(-x)
-    f0 = w * s + a * ((x - lost) / delta) - drop
+    f0 = w * s + a * ((x - lost) / delta) - drop(versines(s), sin0, cos0, epsilon)
     f1 = w + a * lost - slope_loss(sin0, cos0, sin1, cos1, epsilon)
     return f0, f1, second_derivative(lost, sin1, cos1, flight), lost, sin1, cos1
 

@@ -7,7 +7,8 @@ from rattle.flight.forcing import (
     Arc,
     largest_acceleration32,
     largest_slope_loss32,
-    slope_losses_to_arc32,
+    plus_slope_change32,
+    sine_changes_to_arc32,
 )
 from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, height_scale, speed_scale
 from rattle.flight.law import decay32, evaluate32
@@ -61,9 +62,9 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
     to_entry, to_exit, inside = arc_ahead(tau, arc)
     x, y = delta * to_entry, delta * to_exit
     slack = ERROR * speed_scale(flight)
-    slower_entry, slower_exit = slope_losses_to_arc32(inside, sin0, arc, epsilon)
-    at_entry = w + a * x * (f32(1.0) - x * decay32(x)) - slower_entry
-    at_exit = w + a * y * (f32(1.0) - y * decay32(y)) - slower_exit
+    dsin_entry, dsin_exit = sine_changes_to_arc32(inside, sin0, arc)
+    at_entry = plus_slope_change32(w + a * x * (f32(1.0) - x * decay32(x)), dsin_entry, epsilon)
+    at_exit = plus_slope_change32(w + a * y * (f32(1.0) - y * decay32(y)), dsin_exit, epsilon)
     falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
     rises_out = at_exit > slack
     end = s * LATER + CLOSE

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.forcing import DRIFT, change, phase_at, plus_acceleration, plus_slope
+from rattle.flight.forcing import DRIFT, drop, phase_at, plus_acceleration, plus_slope, slowing, turned, versines
 from rattle.flight.impact_law import arrival_part
 from rattle.flight.law import LONGEST_DECAY, decay64, folded
 from rattle.numerics.compile import inline, kernel
@@ -51,13 +51,13 @@ def flight_between(s, sin0, cos0, gap, delta, epsilon):
 
     F(s) = gap, with F of `rattle.flight.law`, is linear in w.
     """
-    drop, slowing, _sin1, _cos1 = change(s, sin0, cos0, epsilon)
+    step = versines(s)
     x = delta * s
     k = x * decay64(x) if x <= LONGEST_DECAY else 1.0 + math.expm1(-x) / x
     rest = plus_slope(DRIFT, sin0, cos0, epsilon)
-    w0 = (gap + drop - rest * s * k) / (s * (1.0 - k))
+    w0 = (gap + drop(step, sin0, cos0, epsilon) - rest * s * k) / (s * (1.0 - k))
     lost = x * (1.0 - k)
-    w1 = w0 + (rest - w0) * lost - slowing
+    w1 = w0 + (rest - w0) * lost - slowing(turned(step, sin0, cos0)[0], epsilon)
     return w0, w1, lost
 
 

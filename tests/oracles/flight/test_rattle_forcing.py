@@ -70,8 +70,9 @@ def test_derivatives_of_the_forcing(rng):
             (4, forcing.fourth_derivative(*at, epsilon)),
         ):
             assert found == pytest.approx(float(derivative(order, t, epsilon)), abs=1e-14 * (2 * math.pi) ** order)
-        third, fourth, minus_fifth = forcing.higher_derivatives32(
-            np.float32(at[0]), np.float32(at[1]), np.float32(epsilon)
+        third, fourth, minus_fifth = (
+            each(np.float32(at[0]), np.float32(at[1]), np.float32(epsilon))
+            for each in (forcing.third_derivative32, forcing.fourth_derivative32, forcing.minus_fifth_derivative32)
         )
         assert third == pytest.approx(float(derivative(3, t, epsilon)), abs=2e-4)
         assert fourth == pytest.approx(float(derivative(4, t, epsilon)), abs=2e-3)
@@ -84,13 +85,26 @@ def test_changes_of_the_forcing_over_a_flight(rng):
         with mp.workdps(40):
             drop = derivative(0, t0, epsilon) + s * derivative(1, t0, epsilon) - derivative(0, t0 + mp.mpf(s), epsilon)
             loss = derivative(1, t0, epsilon) - derivative(1, t0 + mp.mpf(s), epsilon)
-        found = forcing.change(s, *forcing.phase_at(t0), epsilon)
-        assert found[0] == pytest.approx(float(drop), rel=1e-8 if s < 1e-6 else 1e-12, abs=1e-15 * s)
-        assert found[1] == pytest.approx(float(loss), rel=1e-8 if s < 1e-6 else 1e-12)
-        assert found[2:] == pytest.approx(forcing.phase_at((t0 + s) % 1.0), abs=1e-14)
-        assert forcing.slope_loss(*forcing.phase_at(t0), *found[2:], epsilon) == pytest.approx(float(loss), abs=1e-14)
+        step, (sine0, cosine0) = forcing.versines(s), forcing.phase_at(t0)
+        dsin, cosine1 = forcing.turned(step, sine0, cosine0)
+        tolerance = 1e-8 if s < 1e-6 else 1e-12
+        found = forcing.drop(step, sine0, cosine0, epsilon)
+        assert found == pytest.approx(float(drop), rel=tolerance, abs=1e-15 * s)
+        assert forcing.slowing(dsin, epsilon) == pytest.approx(float(loss), rel=tolerance)
+        later = sine0 + dsin, cosine1
+        assert later == pytest.approx(forcing.phase_at((t0 + s) % 1.0), abs=1e-14)
+        assert forcing.slope_loss(sine0, cosine0, *later, epsilon) == pytest.approx(float(loss), abs=1e-14)
+        after = forcing.IN_DOUBLE[4](0.25, sine0, dsin, cosine1, epsilon)
+        assert after == pytest.approx(forcing.plus_acceleration(0.25, *later, epsilon), abs=1e-14)
         change = forcing.analytic_change(complex(t0), complex(t0 + s), complex(s), epsilon)
         assert change == pytest.approx(float(s * derivative(1, t0, epsilon) - drop), abs=1e-14)
+
+
+def test_a_short_step_of_the_phase(rng):
+    for u in (1e-4, -1e-4, 1e-6):
+        sine, cosine = forcing.phase_at(t0 := rng.random())
+        later = forcing.later_phase(forcing.short_step(u), sine, cosine)
+        assert later == pytest.approx(forcing.phase_at(t0 + u), abs=3e-15)
 
 
 def test_bounds_hold_at_every_phase(rng):
