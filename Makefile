@@ -33,7 +33,7 @@ endif
 KEPT := PYTHONDONTWRITEBYTECODE=
 
 .PHONY: survey figures map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels lint bench \
-	constraints docs docs-links readers clean
+	constraints docs docs-links readers readers-table clean
 
 survey: $(SURVEY)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -133,6 +133,10 @@ docs-links: docs
 # Libraries of other languages that read stores in tests.
 readers: tests/readers/package.json
 	npm install --prefix tests/readers --silent --no-audit --no-fund --no-package-lock
+
+# Which versions of which libraries read a survey, each in an environment of its own: the table in other-languages.md.
+readers-table: $(INSTALLED)
+	$(BIN)/python tests/readers/versions.py
 
 clean:
 	rm -rf $(VENV) $(S3) $(CF) survey.zarr survey.png figures

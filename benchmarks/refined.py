@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -20,7 +21,6 @@ import xarray as xr
 import rattle
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.survey.refined.audit import upper_share
-from rattle.models import model_of
 
 AT_ONCE = 500  # cells that a process computes at a time
 SURELY = 1e-3  # how seldom a sample misses by chance what it is said to have missed
@@ -97,15 +97,13 @@ def compared(cells: Drawn) -> dict[str, np.ndarray]:
     """Which cells are wrong, by what: attractors or regions."""
     request, n = cells.request, cells.delta.size
     wrong: dict[str, np.ndarray] = {}
-    model = model_of(request.beta, request.kappa)  # type: ignore[arg-type]  # no third axis
+    model = request.gear_model
     if cells.region is not None:
         wrong["region"] = rattle.classify_regions(model.period_one(cells.delta, cells.epsilon)) != cells.region
     if not cells.shares:
         return wrong
     sample = request.initial_conditions
-    found = model.attractors_of(
-        cells.delta, cells.epsilon, sample.count, request.v_max, cells.seed, sample.budget, sample.tau, sample.v_min
-    )
+    found = model.attractors_of(cells.delta, cells.epsilon, replace(request.sample, seed=cells.seed))
     periodic = found.kind == rattle.KINDS.index("periodic")
     at = found.cell[periodic]
     label = number(found.m[periodic], found.n_plus[periodic], found.n_minus[periodic])

@@ -16,7 +16,7 @@ from rattle._version import __version__
 from rattle.attractors.basins import Basins
 from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.attractors.reached import Reached
-from rattle.attractors.table import KINDS, Attractor, Attractors
+from rattle.attractors.table import KINDS, Attractor, Attractors, AttractorTable
 from rattle.continuation.diagram import Diagram
 from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
 from rattle.families.table import Families, FamilyTable
@@ -86,6 +86,7 @@ __all__ = [
     "REGIONS",
     "Accumulator",
     "Attractor",
+    "AttractorTable",
     "Attractors",
     "BasinEntropy",
     "Basins",

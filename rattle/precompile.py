@@ -9,19 +9,19 @@ import numpy as np
 from rattle.attractors.chaos import group_numbers, pooled
 from rattle.attractors.classify import nothing_seen
 from rattle.attractors.recurrence import mark_footprints, resolve
+from rattle.attractors.speeds import SampleSpec
 from rattle.families.join import joined
 from rattle.impacting.orbits.period_one import grazing
-from rattle.models import Model, model_of
+from rattle.models import BETA, MODELS, Capability, Model, model_adding
 from rattle.numerics.compile import compile_apart
 
-BETA, KAPPA = 0.6, 1e4
-DELTA = 0.6
-QUIET, CHAOS_TOO, CHAOS = 0.089, 0.1, 0.25  # ε: quiet motion beside impacts, beside chaos too, chaos alone
+DELTA, EPSILON = 0.6, 0.1
+HIGHEST = 0.25  # ε to which a curve is followed
 COUNT = 16  # samples of a cell
 Steps = dict[str, Callable[[], object]]
 
 
-def precompile(kappa: float | None = None, *, load: bool = False) -> None:
+def precompile(*, load: bool = False, **added: float | None) -> None:
     """Compile the kernels of surveys, unless that was done before.
 
     They are compiled in a process of their own, once on a machine for all processes, in up to a minute. Those that no
@@ -29,44 +29,51 @@ def precompile(kappa: float | None = None, *, load: bool = False) -> None:
 
     Parameters
     ----------
-    kappa : float, optional
-        Stiffness, for kernels of the stiff gear; by default those of the impacting gear.
     load : bool
         Whether to load those that follow samples too, so that the first tile need not.
+    **added : float, optional
+        What a model adds, such as the stiffness of the stiff gear, for its kernels; by default those of the impacting
+        gear.
 
     Raises
     ------
     RattleError
         The kernels cannot be compiled; the message says why.
     """
-    model = model_of(BETA, kappa).name
+    model = model_adding(name for name, value in added.items() if value is not None).name
     compile_apart(__name__, "survey", model)
     if load:
         survey(model)["attractors"]()
 
 
+def example_of(name: str) -> Model:
+    """Return the model of this name with the numbers at which its kernels are compiled."""
+    return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
+
+
 def survey(name: str) -> Steps:
     """Return what needs the kernels of a survey of this model."""
-    model = model_of(BETA, KAPPA if name == Model.STIFF else None)
-    epsilon = np.array([QUIET, CHAOS_TOO, CHAOS] if model.in_closed_form else [CHAOS_TOO])  # the other takes longer
+    model = example_of(name)
+    epsilon = np.array(model.compiled_at)
     delta = np.full(epsilon.size, DELTA)
+    few = SampleSpec(COUNT)
 
     def orbits() -> None:
         model.period_one(delta, epsilon)
-        model.gear(DELTA, CHAOS_TOO).orbits()
-        if model.in_closed_form:
-            grazing("G2", DELTA, BETA)
-            model.trace("G1", (0.99 * DELTA, DELTA), (0.0, CHAOS))
+        model.gear(DELTA, EPSILON).orbits()
+        if Capability.CORNERS in model.has:
+            grazing("G2", DELTA, BETA.example)
+            model.trace("G1", (0.99 * DELTA, DELTA), (0.0, HIGHEST))
 
     def attractors() -> None:
-        table = model.attractors_of(delta, epsilon, COUNT)
-        model.impulse_balance_errors(delta, epsilon, table)
+        table = model.attractors_of(delta, epsilon, few)
+        if Capability.BALANCE in model.has:
+            model.impulse_balance_errors(delta, epsilon, table)
 
     def rare() -> None:  # what only some samples need
-        beta, kappa = np.full(delta.size, BETA), np.full(delta.size, KAPPA)
-        columns = (delta, epsilon, beta) if model.in_closed_form else (delta, epsilon, beta, kappa)
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), nothing_seen(0)
-        of = model.classified(columns, np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0))
+        states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
+        of = model.classified(model.at(delta, epsilon), *states)
         resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
         mark_footprints(none, 1, of.cells, of.samples, seen.prints)
         group_numbers(seen.prints, none, none)
@@ -74,16 +81,19 @@ def survey(name: str) -> Steps:
         pooled([seen.sums])
 
     def intensities() -> None:
-        model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, COUNT))
+        model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, few))
 
     def families() -> None:
-        table = model.attractors_of(delta[:1], epsilon[:, None], COUNT)
+        table = model.attractors_of(delta[:1], epsilon[:, None], few)
         joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
-    return {
-        "orbits": orbits,
-        "attractors": attractors,
-        "rare cases": rare,
-        "intensities": intensities,
-        "families": families,
+    steps: dict[Capability | None, Steps] = {
+        Capability.PERIOD_ONE: {"orbits": orbits},
+        None: {"attractors": attractors, "rare cases": rare, "families": families},
+        Capability.INTENSITY: {"intensities": intensities},
     }
+    found: Steps = {}
+    for needed, some in steps.items():
+        if needed is None or needed in model.has:
+            found |= some
+    return found

@@ -36,6 +36,7 @@ from gear_rattle.service.web import problems
 from gear_rattle.service.web.conditional import AnyTagMiddleware
 from gear_rattle.service.web.documents import documents_of
 from gear_rattle.service.web.head import HeadMiddleware
+from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
 from gear_rattle.service.web.queries import refuse_unknown
 from rattle.numerics import leave_working_directory
 
@@ -86,6 +87,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     if settings.cors_origins:  # pages of others read then, and never write
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **READING)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
+    app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
     problems.install(app)
     app.include_router(health.router, dependencies=[Depends(refuse_unknown)])
     for router in ROUTERS:
@@ -93,7 +95,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
             router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
         )
     if (documents := documents_of(DOCUMENTS, SOURCES)) is not None:
-        app.add_route("/help", lambda _: RedirectResponse("/help/"), include_in_schema=False)
+        app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
         app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
     app.state.on_start = lambda: None  # what serves it may have something to do

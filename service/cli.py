@@ -20,6 +20,7 @@ from gear_rattle.service.commands import key, letters
 from gear_rattle.service.commands.attractors import attractors
 from gear_rattle.service.commands.certify import certify
 from gear_rattle.service.commands.compare import compare
+from gear_rattle.service.commands.copy import copy
 from gear_rattle.service.commands.curves import curves
 from gear_rattle.service.commands.diagram import diagram
 from gear_rattle.service.commands.explain import explain
@@ -86,6 +87,7 @@ app.command()(describe)
 app.command("open")(open_)
 app.command()(verify)
 app.command()(export)
+app.command()(copy)
 app.command()(certify)
 app.command()(figure)
 app.command()(explain)

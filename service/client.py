@@ -15,10 +15,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
+from urllib.parse import urlsplit
 
 import httpx
 from httpx_sse import SSEError, connect_sse
 
+from gear_rattle.service.declared import added
 from gear_rattle.service.errors import ResponseError, ServiceError, WaitTimeoutError
 from gear_rattle.service.results import key_headers, open_family, open_results
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
     from gear_rattle.workers import AnyRequest, PopulationRequest, SurveyRequest
 
-AXES, OF_A_MACHINE = ("delta", "epsilon", "beta", "kappa"), ("rpm", "eccentricity")
+OF_A_MACHINE = ("rpm", "eccentricity")
 AXIS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
@@ -216,14 +218,18 @@ class Job:
         """Where it stood when last asked: accepted, running, or one of FINAL."""
         return str(self.document["state"])
 
+    def _link(self, name: str) -> str:
+        """Return a link as a path below the address of the service."""
+        return str(self.document["links"][name]).removeprefix(urlsplit(self._client.url).path)
+
     @property
     def store_url(self) -> str:
         """Where ``xr.open_zarr`` finds the results."""
-        return self._client.url + str(self.document["links"]["store"])
+        return self._client.url + self._link("store")
 
     def refresh(self) -> Self:
         """Ask the service where the survey stands."""
-        self.document = self._client.document("GET", self.document["links"]["self"])
+        self.document = self._client.document("GET", self._link("self"))
         return self
 
     def _repr_html_(self) -> str:
@@ -279,7 +285,7 @@ class Job:
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
         """Events; of who waits for some time only, what the survey is a moment later: a stream ends when it likes."""
         if deadline == math.inf:
-            yield from self._client.events(self.document["links"]["events"], after=seen)
+            yield from self._client.events(self._link("events"), after=seen)
         else:
             time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
             yield seen, self.document
@@ -298,11 +304,11 @@ class Job:
         Raises:
             ServiceError: it has not ended.
         """
-        return self._client.document("GET", f"{self.document['links']['self']}/answers")
+        return self._client.document("GET", f"{self._link('self')}/answers")
 
     def verify(self) -> Self:
         """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
-        self.document = self._client.document("POST", f"{self.document['links']['self']}/verify")
+        self.document = self._client.document("POST", f"{self._link('self')}/verify")
         return self
 
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
@@ -312,17 +318,17 @@ class Job:
             ServiceError: it was submitted with another key.
         """
         given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
-        self.document = self._client.document("PATCH", self.document["links"]["self"], json=given)
+        self.document = self._client.document("PATCH", self._link("self"), json=given)
         return self
 
     def delete(self) -> None:
         """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""
-        self._client.call("DELETE", self.document["links"]["self"])
+        self._client.call("DELETE", self._link("self"))
 
 
 def _body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
     given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
-    body = _with_axes({**given, **fields}, AXES)
+    body = _with_axes({**given, **fields}, ("delta", "epsilon", "beta", *added()))
     if isinstance(machine := body.get("machine"), Mapping):
         body["machine"] = _with_axes(machine, OF_A_MACHINE)
     return {name: _plain(value) for name, value in body.items()}

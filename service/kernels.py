@@ -17,7 +17,7 @@ from anyio import BrokenWorkerProcess, to_process
 
 from gear_rattle.service.errors import KernelsError
 from gear_rattle.service.settings import Settings
-from rattle.models import Model
+from rattle.models import DEFAULT_MODEL
 from rattle.numerics import compile_apart, note_of
 
 log = logging.getLogger(__name__)
@@ -41,8 +41,8 @@ class Kernels:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._tasks: dict[Model, asyncio.Task[None]] = {}
-        self._ready: dict[tuple[Model, Part], asyncio.Event] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._ready: dict[tuple[str, Part], asyncio.Event] = {}
         self._waiting = 0
 
     @asynccontextmanager
@@ -55,7 +55,7 @@ class Kernels:
                 task.cancel()
             await asyncio.gather(*self._tasks.values(), return_exceptions=True)
 
-    def begin(self, model: Model = Model.IMPACTING) -> None:
+    def begin(self, model: str = DEFAULT_MODEL) -> None:
         """Compile what this model needs, unless that has begun or an earlier process has done it."""
         if (model, LAST) in self._ready:
             return
@@ -71,11 +71,11 @@ class Kernels:
         """Whether kernels are being compiled now."""
         return any(not task.done() and not self.has(model, LAST) for model, task in self._tasks.items())
 
-    def has(self, model: Model, part: Part) -> bool:
+    def has(self, model: str, part: Part) -> bool:
         """Whether these kernels need not be compiled any more."""
         return (model, part) in self._ready and self._ready[model, part].is_set()
 
-    async def require(self, model: Model, part: Part, patience: float | None = None) -> None:
+    async def require(self, model: str, part: Part, patience: float | None = None) -> None:
         """Wait until these kernels are there.
 
         Args:
@@ -98,7 +98,7 @@ class Kernels:
         finally:
             self._waiting -= 1
 
-    async def _compile(self, model: Model) -> None:
+    async def _compile(self, model: str) -> None:
         for part in Part:
             try:
                 if part is Part.ATTRACTORS:  # workers wait for this note
@@ -111,6 +111,6 @@ class Kernels:
             self._ready[model, part].set()
 
 
-async def _apart(module: str, work: str, model: Model) -> None:
+async def _apart(module: str, work: str, model: str) -> None:
     """In a process that is killed when the service ends, which ends the one that compiles."""
     await to_process.run_sync(compile_apart, module, work, model, cancellable=True)

@@ -84,4 +84,5 @@ def open_family(
 def _is_trusted(url: str) -> bool:
     """Whether a URL is of this machine, or of the service that the user has named."""
     asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))
-    return (asked.scheme, asked.netloc) == (named.scheme, named.netloc) or is_loopback(asked.hostname or "")
+    below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # a host may have other programs beside the service
+    return (below and (asked.scheme, asked.netloc) == (named.scheme, named.netloc)) or is_loopback(asked.hostname or "")

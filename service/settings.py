@@ -9,6 +9,9 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
+#: A path of plain segments: no "//HOST", which a browser would take for another site.
+ROOT_PATH = re.compile(r"(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)*")
+
 
 class Settings(BaseSettings):
     """Settings of one server process; an argument wins over its environment variable."""
@@ -26,7 +29,12 @@ class Settings(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     insecure: bool = Field(default=False, description="let everybody in who reaches the service")
     require_keys: bool = Field(default=False, description="ask for API keys on loopback too, as behind a proxy")
-    behind_proxy: bool = Field(default=False, description="a proxy in front has TLS and cuts off slow clients")
+    behind_proxy: bool = Field(
+        default=False,
+        description="a proxy in front has TLS, cuts off slow clients, and says scheme and path in X-Forwarded-Proto "
+        "and X-Forwarded-Prefix",
+    )
+    root_path: str = Field(default="", description="path below which a proxy has this service, such as /rattle")
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="further names of this service, after commas; for requests without a key"
     )
@@ -74,6 +82,14 @@ class Settings(BaseSettings):
     @classmethod
     def _split(cls, given: object) -> object:
         return [name.strip() for name in given.split(",") if name.strip()] if isinstance(given, str) else given
+
+    @field_validator("root_path")
+    @classmethod
+    def _plain_path(cls, given: str) -> str:
+        path = given.rstrip("/")
+        if not ROOT_PATH.fullmatch(path):
+            raise ValueError(f"{given!r} is no path of plain segments: write it as /rattle or /apps/rattle")
+        return path
 
     @field_validator("cors_origins")
     @classmethod

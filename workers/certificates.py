@@ -31,7 +31,7 @@ from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.slices import surveyed_model, value_along
 from gear_rattle.workers.survey.values.schema import CELL
-from rattle.models import AnyModel
+from rattle.models import Model
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,7 +52,7 @@ class Claim(NamedTuple):
     """A periodic attractor as a survey has it."""
 
     place: Place
-    model: AnyModel
+    model: Model
     delta: float
     epsilon: float
     tau: float
@@ -85,7 +85,7 @@ def certified(claims: Iterable[Claim]) -> Answers:
     for claim in claims:
         try:
             orbit = claim.model.gear(claim.delta, claim.epsilon).orbit(claim.tau, claim.v, claim.label[1])
-            certificate = rattle.certify(orbit, kappa=claim.model.stiffness)
+            certificate = rattle.certify(orbit)
         except rattle.MissingExtraError:
             raise
         except rattle.RattleError as error:

@@ -15,22 +15,22 @@ from gear_rattle.workers.storage.manifest import noting
 from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
-from rattle.models import Model
+from rattle.models import MODELS
 
 #: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
-CLOSED_FORM, SAMPLE, BASINS, STIFF = 0.05, 1 / 64, 40.0, 100.0
+CLOSED_FORM, SAMPLE, BASINS = 0.05, 1 / 64, 40.0
 SLOW_BELOW = 0.3  # δ: transients last some multiple of 1/δ
 FEW_SECONDS = 3.0
 
 
 def is_short(request: AnyRequest, cells: int) -> bool:
     """Whether so many cells of a survey take a few seconds at most, by their number and kind."""
-    groups = set(request.quantities)
+    groups, whole = set(request.quantities), MODELS[request.model].cell_milliseconds
     if isinstance(request, PopulationRequest):
-        samples = STIFF if request.model is Model.STIFF else SAMPLE * request.samples / request.n_cells
+        samples = SAMPLE * request.samples / request.n_cells if whole is None else whole
         return cells * samples * max(1.0, SLOW_BELOW / request.least_damping) <= 1000 * FEW_SECONDS
-    if request.model is Model.STIFF:
-        each = STIFF
+    if whole is not None:
+        each = whole
     elif SAMPLED & groups:
         each = SAMPLE * request.initial_conditions.count * max(1.0, SLOW_BELOW / request.delta.start)
     else:

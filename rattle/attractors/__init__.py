@@ -2,16 +2,21 @@
 
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
+from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import (
+    LARGEST_BUDGET,
     NATURAL,
     PAPER_SPEED,
+    SampleSpec,
     SpeedLimit,
     in_paper_plane,
     read_speed,
     sampled_speed,
     sampled_speeds,
 )
-from rattle.attractors.table import CHAOTIC, LARGEST_BUDGET, PERIODIC, QUIET, UNDECIDED, listed
+from rattle.attractors.table import listed
+
+CHAOTIC, PERIODIC, QUIET, UNDECIDED = Outcome.CHAOTIC, Outcome.PERIODIC, Outcome.QUIET, Outcome.UNDECIDED
 
 __all__ = [
     "BUDGET",
@@ -24,6 +29,8 @@ __all__ = [
     "QUIET",
     "UNDECIDED",
     "WATCH",
+    "Outcome",
+    "SampleSpec",
     "SpeedLimit",
     "classified",
     "in_paper_plane",

@@ -158,7 +158,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     every = between(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
     whole, real = np.zeros((4, n), np.int64), np.zeros((6, n))
-    fill_centres(grown, orbits, cells, whole, real)
+    fill_centres(grown, orbits.for_kernels(), cells, whole, real)
     return Centres(*whole, *real)
 
 

@@ -15,21 +15,14 @@ from numpy.typing import NDArray
 from rattle.attractors.cell_map import Box, cell_of, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
-from rattle.attractors.table import (
-    CHAOTIC,
-    QUIET,
-    UNDECIDED,
-    Attractor,
-    Attractors,
-    attractor_columns,
-    listed,
-    tabulated,
-)
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import SampleSpec
+from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, listed, tabulated
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, Dataset, Tabular, dataset_of
-from rattle.numerics.sampling import initial_conditions
 from rattle.numerics.states import box_of
+from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
 
@@ -53,31 +46,27 @@ def budget_of(delta: float, states: int) -> int:
 class Plane:
     """The states (τ, v) on Σ⁺ of a gear at one parameter point; arrays (k,).
 
-    classifier: the gear's. parameters: δ, ε, β and what the gear has besides.
+    classifier: the gear's. parameters: arrays (1,).
     """
 
     classifier: type[Classifier]
-    parameters: tuple[float, ...]
+    parameters: Parameters
 
     @property
     def delta(self) -> float:
         """Damping."""
-        return self.parameters[0]
+        return float(self.parameters.delta[0])
 
     @property
     def unit(self) -> float:
         """What speeds are measured in (`rattle.flight.law.speed_unit`)."""
-        return float(speed_unit(*self.parameters[:3]))
-
-    @property
-    def arrays(self) -> list[Array]:
-        """The parameters, each (1,)."""
-        return [np.array([x]) for x in self.parameters]
+        point = self.parameters.point()
+        return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """The states as samples of one cell, each followed to its end."""
         budget = budget_of(self.delta, tau.size)
-        return self.classifier.classify(self.arrays, tau[None].copy(), v[None].copy(), budget)
+        return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The states after so many returns, and whether they have become quiet on the way."""
@@ -85,14 +74,14 @@ class Plane:
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
         """The cell of every state: row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside."""
-        cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(*self.parameters)
-        cell_of(tau, v, n, box, *self.parameters[:2], quiet, cell)
+        cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
+        point = self.parameters.point()
+        cell_of(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
         """So many initial conditions."""
-        delta, epsilon, beta, *_ = self.arrays
-        tau, v = initial_conditions(delta, epsilon, beta, count, v_max, 0)
+        tau, v = SampleSpec(count, v_max).states(self.parameters)
         return tau[0], v[0]
 
 
@@ -137,17 +126,17 @@ class Basins(Tabular):
         )
 
 
-def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
+def classified(plane: Plane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """The attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
     return table, rows, classifier.samples.impacts
 
 
-def _without_chaos(steps: NDArray[np.int64], table: Attractors, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Steps to convergence, −1 where none is seen."""
     kind = table.kind[rows]
-    return np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, steps)
+    return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
@@ -186,9 +175,9 @@ class States:
 
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
-        n, x = np.zeros(0, np.int64), np.zeros(0)
-        self.table = Attractors(n, n, n, n, n, n, x, x, x, x, x, n, x)
-        self.tau, self.v = x, x  # a state that goes to each: followed again, it tells which one that is in a new call
+        self.table = AttractorTable.empty()
+        #: A state that goes to each of the attractors: followed again, it tells which one that is in a new call.
+        self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """As `classified`, but rows of the common table, in which what is known keeps its row."""
@@ -197,20 +186,20 @@ class States:
         row_of = self._known(table, rows[:known])
         fresh = np.flatnonzero(row_of < 0)
         row_of[fresh] = known + np.arange(fresh.size)
-        self.table = Attractors._make(np.append(x, y[fresh]) for x, y in zip(self.table, table, strict=True))
+        self.table = AttractorTable.concat([self.table, table.take(fresh)])
         one = np.array([np.argmax(rows == row) for row in fresh], np.int64)
         self.tau, self.v = np.append(self.tau, tau[one]), np.append(self.v, v[one])
         return row_of[rows[known:]], impacts[known:]
 
-    def _known(self, table: Attractors, reached: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _known(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Row here of each row of another table, −1 if it is new; reached: rows there of the states kept here."""
-        here, there = self.table, Attractors._make(x[:, None] for x in table)
+        here, there = self.table, table.take((slice(None), None))
         near = SAME_POINT * self.plane.unit
         same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
         same[reached, np.arange(reached.size)] = True
-        same |= (here.kind == QUIET) | (here.kind == UNDECIDED)
-        for x, y in zip(there[1:5], here[1:5], strict=True):  # kind, m, n₊, n₋
-            same &= x == y
+        same |= (here.kind == Outcome.QUIET) | (here.kind == Outcome.UNDECIDED)
+        for name in ("kind", "m", "n_plus", "n_minus"):
+            same &= getattr(there, name) == getattr(here, name)
         row = np.full(table.kind.size, -1)
         one, other = np.nonzero(same)
         row[one[::-1]] = other[::-1]
@@ -219,7 +208,7 @@ class States:
 
 def _by_cells(
     plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
-) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
     trajectories, and every cell with another label among its neighbours, until there is none left.
     """
@@ -274,5 +263,5 @@ def basins(
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)
     label[order] = np.arange(order.size)
-    found = listed(Attractors._make(x[order] for x in table), count[order])
+    found = listed(table.take(order), count[order])
     return Basins(across, up, label[rows].reshape(n, n), found, steps.reshape(n, n), method, box)

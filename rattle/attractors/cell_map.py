@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import DRIFT, contact_force, versines
+from rattle.flight.contact_phase import is_captured
+from rattle.flight.forcing import DRIFT, contact_force, phase_at
 from rattle.numerics.compile import kernel
 
 UNSEEN, ON_THE_WAY = -1, -2
@@ -30,9 +31,9 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
     −1 if it is outside.
     """
     for i in range(tau.size):
-        versine, sine, _defect = versines(tau[i])
+        sine, cosine = phase_at(tau[i])
         speed = v[i]
-        if speed * speed * speed <= capture * contact_force(sine, 1.0 - versine, delta, epsilon, DRIFT):
+        if is_captured(speed, contact_force(sine, cosine, delta, epsilon, DRIFT), capture):
             cell[i] = n * n
         elif not (box.v_low <= speed < box.v_high and box.tau_low <= tau[i] < box.tau_high):
             cell[i] = -1

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.samples import LEFT
+from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
@@ -147,14 +147,14 @@ def fill_standing(cells, status, impacts, first, left, leaks):
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):
-            if status[cell, k] == LEFT:
+            if status[cell, k] == Outcome.UNRESOLVED:
                 left[i] += 1
             elif impacts[cell, k] > first[cell]:
                 leaked += 1
                 last = max(last, impacts[cell, k])
         for k in range(status.shape[1]):
             before += min(impacts[cell, k], last)
-            if status[cell, k] == LEFT:
+            if status[cell, k] == Outcome.UNRESOLVED:
                 since += max(impacts[cell, k] - last, 0)
         leaks[i] = leaked > 0 and leaked * since < LEAKS_MISSED * before
 

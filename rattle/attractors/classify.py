@@ -8,7 +8,7 @@ the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples, Sets, doubled, empty_tables
+from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, doubled, empty_tables
 from rattle.numerics.compile import compile_apart
+from rattle.parameters import Parameters
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
@@ -63,9 +64,9 @@ class Classifier(ABC):
     """The samples of a block of cells on their way, and what is known of the cells; a gear says how they go on."""
 
     model: ClassVar[str]  # its name, which says what kernels it needs
-    #: Cells with these parameters, all (n,): δ, ε, β and what the gear has besides, as kernels take them.
+    #: Cells with these parameters, all (n,), as kernels take them.
     cells_of: ClassVar[Callable[..., Any]]
-    #: The largest v³/g that is certain to become quiet at one parameter point, 0 if speeds do not tell.
+    #: The largest v³/g that is certain to become quiet at the first of these points, 0 if speeds do not tell.
     quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
@@ -84,14 +85,14 @@ class Classifier(ABC):
         self.enter_known_orbits()
 
     @classmethod
-    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Any:
+    def cells_of_orbits(cls, parameters: Parameters) -> Any:
         """The same where only periodic orbits are followed."""
-        return cls.cells_of(*parameters)
+        return cls.cells_of(parameters)
 
     @staticmethod
     @abstractmethod
     def iterated(
-        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+        parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
         one that goes on bouncing is located there.
@@ -100,14 +101,14 @@ class Classifier(ABC):
     @classmethod
     def classify(
         cls,
-        parameters: Sequence[NDArray[np.float64]],
+        parameters: Parameters,
         tau: NDArray[np.float64],
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
         """The samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget."""
         compile_apart("rattle.precompile", "survey", cls.model)
-        found = cls(cls.cells_of(*parameters), tau, v, budget)
+        found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found
 
@@ -125,7 +126,7 @@ class Classifier(ABC):
         """Find the radii of these balls of capture, in place."""
 
     @abstractmethod
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples to their ends or limits, in place; early: most of them are soon captured."""
 
     @abstractmethod
@@ -151,7 +152,7 @@ class Classifier(ABC):
             leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge(pending[~leaks])
-            few = (self.status[pending] == LEFT).sum(axis=1) <= self.count // FEW
+            few = (self.status[pending] == Outcome.UNRESOLVED).sum(axis=1) <= self.count // FEW
             decided |= (self.stage[pending] >= STAGES + few) & (self.cells.delta[pending] >= WEAK)
             decided |= impacts_until(self.stage[pending]) * self.longer[pending] >= self.budget
             pending = pending[~decided]
@@ -161,7 +162,7 @@ class Classifier(ABC):
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Status (k,) of other states of these cells after so many impacts at most, all (k,): one that reaches no
-        attractor by then is LEFT, and judged no further. What orbits they find is known from then on.
+        attractor by then is UNRESOLVED, and judged no further. What orbits they find is known from then on.
         """
         others = begun(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
@@ -183,19 +184,21 @@ class Classifier(ABC):
 
     def left_in(self, cells: NDArray[np.int64]) -> Sets:
         """The samples of these cells that have not ended."""
-        left = self.status[cells] == LEFT
+        left = self.status[cells] == Outcome.UNRESOLVED
         row, column = np.nonzero(left)
         return Sets(cells[row] * self.count + column, left.sum(axis=1))
 
-    def settle(self, which: NDArray[np.int64], samples: Samples, early: bool = False) -> None:
+    def settle(self, which: NDArray[np.int64], samples: Trajectories, early: bool = False) -> None:
         """Follow these samples to their limits; those that recur find an orbit of their cell, or go on."""
         while which.size:
             self.advance(which, samples, early)
-            which = which[samples.status[which] == RECURRENT]
+            which = which[samples.status[which] == Outcome.RECURRENT]
             self.resolve(which, samples)
-            which = which[(samples.status[which] == LEFT) & (samples.impacts[which] < samples.limit[which])]
+            which = which[
+                (samples.status[which] == Outcome.UNRESOLVED) & (samples.impacts[which] < samples.limit[which])
+            ]
 
-    def resolve(self, which: NDArray[np.int64], samples: Samples) -> None:
+    def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
         """Find the orbits of recurrent samples and their balls, with more room for them where a cell needs it."""
         while which.size:
             which = resolve(which, self.cells, samples, self.orbits, self.balls, self.grown)
@@ -210,14 +213,13 @@ class Classifier(ABC):
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
         self.enlarge(centres)
-        enter_balls(centres, self.balls)
+        enter_balls(centres, self.balls.for_kernels())
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
         """Have room for so many orbits in each cell, as often doubled as it takes."""
         while self.orbits.m.shape[1] < most:
-            self.orbits = Orbits(self.orbits.n, *doubled(self.orbits[1:]))
-            self.balls = Balls(self.balls.n, *doubled(self.balls[1:]))
+            self.orbits, self.balls = doubled(self.orbits), doubled(self.balls)
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""
@@ -234,7 +236,7 @@ class Classifier(ABC):
         chosen = self.left_in(cells).evenly(WITNESSES)
         seen, chaotic = self.measure(chosen.which)
         decided = chosen.all_of(chaotic)
-        told_nothing = chosen.all_of(self.samples.status[chosen.which] == LEFT)
+        told_nothing = chosen.all_of(self.samples.status[chosen.which] == Outcome.UNRESOLVED)
         self.unclear[cells[~decided]] = told_nothing[~decided]
         if not decided.all():
             every = np.repeat(decided, chosen.size)
@@ -259,7 +261,7 @@ class Classifier(ABC):
         self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
         cell = samples.cell[which]
         chattering = self.may_rest(cell, samples.time[which], PERIODS * self.longer[cell])
-        lasted = left.all_of((samples.status[which] == LEFT) & ~chattering)
+        lasted = left.all_of((samples.status[which] == Outcome.UNRESOLVED) & ~chattering)
         weak = self.cells.delta[cells] < WEAK
         for first, last in pairwise((0, *CROWDS)):
             crowd = lasted & weak
@@ -292,7 +294,7 @@ class Classifier(ABC):
         self.settle(np.arange(others.cell.size), others)
         strong = self.cells.delta[others.cell] >= WEAK  # elsewhere the larger crowd makes up for it
         chattering = self.may_rest(others.cell, others.time, PERIODS * self.longer[others.cell])
-        gone[fresh] = (others.status != LEFT) | (strong & chattering)
+        gone[fresh] = (others.status != Outcome.UNRESOLVED) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def may_rest(
@@ -317,9 +319,9 @@ class Classifier(ABC):
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
             part, before = nothing_seen(todo.size), samples.time[now]
             self.watch(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
-            self.resolve(now[samples.status[now] == RECURRENT], samples)
+            self.resolve(now[samples.status[now] == Outcome.RECURRENT], samples)
             seen.sums[todo], seen.prints[todo] = part
-            left, time = samples.status[now] == LEFT, samples.time[now] - before
+            left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_rest(samples.cell[now], time, PERIODS * longer)
             stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
@@ -395,12 +397,16 @@ def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
 
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
-) -> Samples:
+) -> Trajectories:
     """Samples (k,) that have made no impact yet, and so many at most; the arrays are followed in place."""
-    impacts, status, orbit, gap, pause = (np.zeros(cell.size, np.int64) for _ in range(5))
-    limits = np.broadcast_to(limit, cell.shape).astype(np.int64)
-    cell = np.ascontiguousarray(cell)  # another layout would be another variant of each kernel
-    return Samples(cell, tau, v, impacts, limits, status, orbit, gap, pause, np.zeros(cell.size))
+    return Trajectories(
+        cell=np.ascontiguousarray(cell),  # another layout would be another variant of each kernel
+        tau=tau,
+        v=v,
+        limit=np.broadcast_to(limit, cell.shape).astype(np.int64),
+        time=np.zeros(cell.size),
+        **{name: np.zeros(cell.size, np.int64) for name in ("impacts", "status", "orbit", "gap", "pause")},
+    )
 
 
 def nothing_seen(count: int) -> Seen:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import Basins, Plane, classified
-from rattle.attractors.table import KINDS, UNDECIDED
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
@@ -86,7 +87,7 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
         entropy -= p * np.log(np.where(p > 0, p, 1.0))
     mixed = (boxes != boxes[:, :1]).any(axis=1)
     at_boundary = float(entropy[mixed].mean()) if mixed.any() else float("nan")
-    if any(attractor.kind == KINDS[UNDECIDED] for attractor in basins.attractors):
+    if any(attractor.kind == KINDS[Outcome.UNDECIDED] for attractor in basins.attractors):
         return BasinEntropy(float("nan"), float("nan"), side * side, int(mixed.sum()))
     return BasinEntropy(float(entropy.mean()), at_boundary, side * side, int(mixed.sum()))
 
@@ -136,7 +137,7 @@ def uncertainty(plane: Plane, pairs: int, v_max: float, seed: int) -> Uncertaint
     tau, v = _pairs(sizes, pairs, v_max, seed)
     table, rows, _impacts = classified(plane, tau.ravel(), v.ravel())
     one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
-    decided = (table.kind[one] != UNDECIDED) & (table.kind[other] != UNDECIDED)
+    decided = (table.kind[one] != Outcome.UNDECIDED) & (table.kind[other] != Outcome.UNDECIDED)
     uncertain, count = ((one != other) & decided).sum(axis=1), decided.sum(axis=1)
     exponent, error = power_law(sizes, uncertain, count)
     low, high = wilson_interval(uncertain, np.maximum(count, 1))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import ClassVar
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.basins import Basins, Plane, Range, basins, classified
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
-from rattle.attractors.speeds import SpeedLimit, sampled_speed
-from rattle.attractors.table import CHAOTIC, MOST_SAMPLES, UNDECIDED, Attractor, Attractors, listed, of_samples
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
+from rattle.attractors.table import Attractor, listed, of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
 from rattle.orbits.period_one import HasOrbits, html_of_point
+from rattle.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,9 @@ def reached(plane: Plane, tau: ArrayLike, v: ArrayLike) -> Reached:
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
     number = np.argsort(order)
-    found = listed(Attractors._make(x[order] for x in table), count[order])
+    found = listed(table.take(order), count[order])
     kind = table.kind[rows]
-    impacts = np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, impacts)
+    impacts = np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, impacts)
     return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
 
 
@@ -65,8 +67,8 @@ class Sampled:
     _pairs: ClassVar[int]  # for the uncertainty exponent, by default
 
     def __post_init__(self) -> None:
-        for name in self._names:
-            object.__setattr__(self, name, require_number(name, getattr(self, name), positive=name != "epsilon"))
+        for name, value in self._numbers.items():
+            object.__setattr__(self, name, require_number(name, value, positive=name != "epsilon"))
 
     def _repr_html_(self: HasOrbits) -> str:
         return html_of_point(self)
@@ -84,11 +86,10 @@ class Sampled:
         budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
         None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.
         Deterministic in all arguments. Of the stiff gear quiet is a contact that never ends, labels P(m, n₊, n₋) count
-        contacts, and above κ ≈ 1e8 a motion that becomes quiet may be left undecided: it needs some √κ returns. Raises
-        ParameterError. What a label means, with its error:
-        docs/decisions/0026-labels.md.
+        contacts, and above a stiffness of 1e8 or so a motion that becomes quiet may be left undecided: it needs some
+        10,000 returns. Raises ParameterError. What a label means, with its error: docs/decisions/0026-labels.md.
         """
-        table = of_samples(self._classifier, self.states.arrays, count, v_max, seed, budget)
+        table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return listed(table, table.samples)
 
     def basins(
@@ -133,11 +134,16 @@ class Sampled:
     @property
     def states(self) -> Plane:
         """The plane of its states (τ, v)."""
-        return Plane(self._classifier, tuple(getattr(self, name) for name in self._names))
+        return Plane(self._classifier, self.parameters)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(each.name for each in fields(self))  # type: ignore[arg-type]
+    def parameters(self) -> Parameters:
+        """Its parameters, arrays (1,)."""
+        return Parameters.of(self._classifier.model, **{name: [value] for name, value in self._numbers.items()})
+
+    @property
+    def _numbers(self) -> dict[str, Any]:
+        return asdict(self)  # type: ignore[call-overload]
 
     def _speed(self, v_max: SpeedLimit) -> float:
-        return sampled_speed(v_max, *self.states.parameters[:3])
+        return float(SampleSpec(v_max=v_max).highest(self.parameters)[0])

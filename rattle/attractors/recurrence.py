@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.samples import LEFT, ORBIT, Balls, Orbits, Samples, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import Balls, Orbits, Outcome, Trajectories, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
+from rattle.flight.impact_law import log_determinant
 from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
@@ -110,11 +111,8 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 
 @kernel
-def mark_footprints(which, impacts, cells, samples, footprints):
-    """Enter every impact of a further stretch of these samples into their footprints.
-
-    A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.
-    """
+def fill_footprints(which, impacts, cells, samples, footprints):
+    """See `mark_footprints`."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -126,6 +124,16 @@ def mark_footprints(which, impacts, cells, samples, footprints):
             mark(tau, v, top_speed(point.epsilon, unit_at(point)), footprints[j])
 
 
+def mark_footprints(
+    which: NDArray[np.int64], impacts: int, cells: Any, samples: Trajectories, footprints: NDArray[np.uint64]
+) -> None:
+    """Enter every impact of a further stretch of these samples into their footprints.
+
+    A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.
+    """
+    fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
+
+
 @kernel
 def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """Enter stable orbits of period one, so many (n_cells,) of arrays (n_cells, room), into those that the cells know,
@@ -133,7 +141,8 @@ def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """
     for cell in range(n.size):
         for j in range(n[cell]):
-            first, second = log_multipliers(trace[cell, j], -cells.delta[cell])
+            log_det = log_determinant(cells.delta[cell], 1.0, n_plus[cell, j] + n_minus[cell, j])
+            first, second = log_multipliers(trace[cell, j], log_det)
             remember(1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits)
 
 
@@ -160,18 +169,19 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
                 if orbit < 0:
                     orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
             samples.pause[k] = 2 * samples.impacts[k] + 2 * gap  # what only seems to recur is tried a few times
-        samples.status[k] = ORBIT if orbit >= 0 else LEFT
+        samples.status[k] = Outcome.PERIODIC if orbit >= 0 else Outcome.UNRESOLVED
         samples.orbit[k] = orbit
     return n
 
 
 def resolve(
-    which: NDArray[np.int64], cells: Any, samples: Samples, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
+    which: NDArray[np.int64], cells: Any, samples: Trajectories, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Find the orbits that recurrent samples go to: ORBIT, or LEFT if there is none, to go on with a pause.
+    """Find the orbits that recurrent samples go to: PERIODIC, or UNRESOLVED if there is none, to go on with a pause.
 
     Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
     grown[cell] on are, or while the cell has no room for one more.
     """
     waiting = np.zeros_like(which)
-    return waiting[: resolve_all(which, cells, samples, orbits, balls, grown, waiting)]
+    tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()
+    return waiting[: resolve_all(which, cells, *tables, grown, waiting)]

@@ -5,12 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
-
-QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 
 
 class Rows(NamedTuple):
@@ -31,9 +30,9 @@ class Rows(NamedTuple):
 @inline
 def place_of(kind, which, orbits):
     """Where a cell's attractor stands among all that it might have, if so many are orbits."""
-    if kind == QUIET:
+    if kind == Outcome.QUIET:
         return 0
-    return 1 + which if kind == PERIODIC else 1 + orbits + which
+    return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
 
 
 @kernel
@@ -47,7 +46,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = place_of(kind[i], which[i], orbits) if kind[i] != UNDECIDED else places - 1
+            p = place_of(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p
@@ -58,7 +57,15 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
             if seen[p] >= 0:
                 at[p] = n
                 whole[0, n] = c
-                whole[1, n] = QUIET if p == 0 else PERIODIC if p <= orbits else CHAOTIC if p < places - 1 else UNDECIDED
+                whole[1, n] = (
+                    Outcome.QUIET
+                    if p == 0
+                    else Outcome.PERIODIC
+                    if p <= orbits
+                    else Outcome.CHAOTIC
+                    if p < places - 1
+                    else Outcome.UNDECIDED
+                )
                 whole[2, n] = 0 if p == 0 or p == places - 1 else p - 1 if p <= orbits else p - 1 - orbits
                 whole[3, n] = seen[p]
                 watched[n] = np.inf
@@ -77,8 +84,8 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     those of its cell and kind, impacts and time; every cell also has a row for each of so many known orbits. row is
     filled with that of every sample.
     """
-    orbits = int(max(which[kind == PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
-    sets = int(which[kind == CHAOTIC].max(initial=-1) + 1)
+    orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
+    sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)
     most = kind.size + int(known.sum())  # a row has a sample, or its orbit is known
     whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
     n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)

@@ -1,26 +1,50 @@
-"""Samples on their way to attractors, the orbits and balls of capture that are known, and footprints (compiled)."""
+"""Samples and what ends them, known orbits, balls of capture and footprints (compiled)."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import DRIFT, TWO_PI, wrapped
+from rattle.flight.forcing import DRIFT, largest_slope
+from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline
+from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
-LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
 GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
 HIGHEST = 14.0  # units of speed in which a footprint ends
 RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
+Known = TypeVar("Known", bound=StructOfArrays)
 ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
 
 
-class Samples(NamedTuple):
-    """The samples (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that captured
-    them; after a recurrence the impacts between, and the impacts before which the next one is not looked for; and the
-    forcing periods so far.
+class Outcome(IntEnum):
+    """What has become of a sample; numba reads the members as constants.
+
+    UNRESOLVED: it goes on. QUIET: it is certain to stay in contact with Σ⁺. PERIODIC: a stable orbit has captured it.
+    CHAOTIC: it is on a chaotic attractor. UNDECIDED: nothing tells where it goes. RECURRENT: it has come back to where
+    it was, and its orbit is looked for; only on the way. FAILED: it cannot be followed; a table counts it as undecided.
+
+    Tables and stores hold the numbers from QUIET to UNDECIDED as kinds of attractors; `rattle.KINDS` has them in words.
+    """
+
+    UNRESOLVED = 0
+    QUIET = 1
+    PERIODIC = 2
+    CHAOTIC = 3
+    UNDECIDED = 4
+    RECURRENT = 5
+    FAILED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories(StructOfArrays):
+    """Samples on their way (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that
+    captured them; after a recurrence the impacts between, and the impacts before which the next one is not looked for;
+    and the forcing periods so far.
     """
 
     cell: Any
@@ -75,7 +99,8 @@ class Sets(NamedTuple):
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
-class Orbits(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Orbits(StructOfArrays):
     """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m."""
 
     n: Any
@@ -88,7 +113,8 @@ class Orbits(NamedTuple):
     second: Any
 
 
-class Balls(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Balls(StructOfArrays):
     """Balls of capture around points of these orbits, (n_cells, room) each, n of them used: captured where
     c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
     """
@@ -102,17 +128,31 @@ class Balls(NamedTuple):
     c11: Any
 
 
+TrajectoryColumns = kernel_columns("TrajectoryColumns", Trajectories, __name__)
+OrbitColumns = kernel_columns("OrbitColumns", Orbits, __name__)
+BallColumns = kernel_columns("BallColumns", Balls, __name__)
+
+
 def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, Balls]:
     """What cells know at first, with room for so many orbits of each."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
-    labels = (np.zeros(shape, np.int64) for _ in range(3))
-    orbits = Orbits(np.zeros(n_cells, np.int64), *labels, *(np.zeros(shape) for _ in range(4)))
-    return orbits, Balls(np.zeros(n_cells, np.int64), np.zeros(balls, np.int64), *(np.zeros(balls) for _ in range(5)))
+    orbits = Orbits(
+        n=np.zeros(n_cells, np.int64),
+        **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus")},
+        **{name: np.zeros(shape) for name in ("tau", "v", "first", "second")},
+    )
+    return orbits, Balls(
+        n=np.zeros(n_cells, np.int64),
+        orbit=np.zeros(balls, np.int64),
+        **{name: np.zeros(balls) for name in ("tau", "v", "c00", "c01", "c11")},
+    )
 
 
-def doubled(columns: tuple[NDArray[Any], ...]) -> list[NDArray[Any]]:
-    """These arrays (n_cells, room) with twice the room."""
-    return [np.concatenate([x, np.zeros_like(x)], axis=1) for x in columns]
+def doubled(table: Known) -> Known:
+    """Return a table (n_cells, room) with twice the room."""
+    columns = table.columns()
+    wider = {name: np.concatenate([x, np.zeros_like(x)], axis=1) for name, x in columns.items() if name != "n"}
+    return table.replace(**wider)
 
 
 @inline
@@ -128,7 +168,7 @@ def capturing_orbit(tau, v, cell, balls):
 @inline
 def top_speed(epsilon, unit):
     """The largest speed of a footprint: beyond are few, if any."""
-    return min(DRIFT + TWO_PI * epsilon, HIGHEST * unit)
+    return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 
 @inline

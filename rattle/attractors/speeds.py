@@ -1,12 +1,17 @@
-"""Up to which speed states are sampled."""
+"""Which states of each cell are sampled (`SampleSpec`), and up to which speed."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.errors import ParameterError, require_number
+from rattle.attractors.classify import BUDGET
+from rattle.errors import ParameterError, require_integer, require_number
 from rattle.flight.law import natural_speed
+from rattle.numerics.sampling import initial_conditions
+from rattle.numerics.states import box_of
+from rattle.parameters import Parameters
 
 NATURAL: Literal["natural"] = "natural"
 SpeedLimit = float | str | None
@@ -15,7 +20,56 @@ PAPER_SPEED = 7.0  # of the paper's figures
 #: Where it is the default: δ, ε and β of its plane and about it.
 PLANE = ((0.3, 1.5), (0.0, 0.5), (0.2, 1.2))
 
+WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
+MOST_SAMPLES = 1 << 20
+LARGEST_BUDGET = 1_000_000_000
+LARGEST_SEED = (1 << 128) - 1
+
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SampleSpec:
+    """The initial conditions of each cell, and for how long they are followed. Raises ParameterError.
+
+    Parameters
+    ----------
+    count : int
+        Initial conditions of a cell.
+    v_max : float or "natural", optional
+        The largest speed: see `sampled_speeds`.
+    seed : int
+        Seed of the sample.
+    budget : int
+        Impacts on Σ⁺ after which a sample that reached no attractor is undecided.
+    tau : tuple of float
+        The phases of the box, low and high.
+    v_min : float
+        The least speed of the box.
+    """
+
+    count: int = 256
+    v_max: "SpeedLimit" = None
+    seed: int = 0
+    budget: int = BUDGET
+    tau: tuple[float, float] = (0.0, 1.0)
+    v_min: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("budget", 1, LARGEST_BUDGET), ("count", 1, MOST_SAMPLES), ("seed", 0, LARGEST_SEED)):
+            object.__setattr__(self, name, require_integer(name, getattr(self, name), low, high))
+
+    def highest(self, parameters: Parameters) -> Array:
+        """Return the largest speed in each of these cells (n,). Raises ParameterError."""
+        return sampled_speeds(self.v_max, parameters.delta, parameters.epsilon, parameters.beta)
+
+    def states(self, parameters: Parameters) -> tuple[Array, Array]:
+        """Return the phases and speeds (n, count) of these cells (n,). Raises ParameterError."""
+        highest = self.highest(parameters)
+        if (*self.tau, self.v_min) != WHOLE and parameters.size:
+            box_of(self.tau, (self.v_min, float(highest.min())))
+        cells = parameters.delta, parameters.epsilon, parameters.beta
+        return initial_conditions(*cells, self.count, highest, self.seed, self.tau, self.v_min)
 
 
 def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:

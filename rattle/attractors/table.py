@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import pooled
-from rattle.attractors.classify import BUDGET, Classifier
-from rattle.attractors.rows import CHAOTIC, PERIODIC, QUIET, UNDECIDED, rows_of
-from rattle.attractors.samples import LEFT, ORBIT
-from rattle.attractors.samples import QUIET as SETTLED_QUIET
-from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.errors import require, require_integer
+from rattle.attractors.classify import Classifier
+from rattle.attractors.rows import rows_of
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec
+from rattle.errors import require
 from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of
-from rattle.numerics.sampling import initial_conditions, wilson_interval
-from rattle.numerics.states import box_of
+from rattle.numerics.sampling import wilson_interval
+from rattle.numerics.struct_of_arrays import StructOfArrays
+from rattle.parameters import Parameters
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
-MOST_SAMPLES = 1 << 20
-WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
-LARGEST_BUDGET = 1_000_000_000
-LARGEST_SEED = (1 << 128) - 1
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ class Attractor:
     @property
     def name(self) -> str:
         """What it is in a word: the label of a periodic motion without blanks, or the kind."""
-        return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[PERIODIC] else self.kind
+        return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[Outcome.PERIODIC] else self.kind
 
     def _repr_html_(self) -> str:
         return html(self.name, attractor_columns((self,)))
@@ -96,7 +92,8 @@ class AttractorTuple(tuple[Attractor, ...]):
         return html(f"{len(self)} attractors", self._columns())
 
 
-class Attractors(NamedTuple):
+@dataclass(frozen=True, repr=False, eq=False)
+class AttractorTable(StructOfArrays):
     """The attractors of many cells, all arrays (n,): cell by cell, in each by falling number of samples.
 
     kind indexes KINDS. impacts: those on Σ⁺ that its samples made. watched: forcing periods for which a chaotic one, or
@@ -118,11 +115,23 @@ class Attractors(NamedTuple):
     impacts: NDArray[np.int64]
     watched: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a table without rows."""
+        columns: dict[str, Any] = dict.fromkeys(("tau", "v", "first", "second", "error", "watched"), np.zeros(0))
+        whole = ("cell", "kind", "m", "n_plus", "n_minus", "samples", "impacts")
+        columns |= dict.fromkeys(whole, np.zeros(0, np.int64))
+        return cls(**columns)
+
+    def label(self, row: int | np.integer) -> tuple[int, int, int]:
+        """Return (m, n₊, n₋) of a row, 0 unless periodic."""
+        return int(self.m[row]), int(self.n_plus[row]), int(self.n_minus[row])
+
     def _caption(self) -> str:
         return f"{self.cell.size} attractors of {np.unique(self.cell).size} cells"
 
     def _columns(self) -> Columns:
-        return self._asdict() | {"kind": np.array(KINDS)[self.kind]}
+        return self.columns() | {"kind": np.array(KINDS)[self.kind]}
 
     def __repr__(self) -> str:
         return line_of(self)
@@ -135,22 +144,26 @@ class Attractors(NamedTuple):
         return dataframe_of(self)
 
 
+#: The name under which others know it so far.
+Attractors = AttractorTable
+
+
 def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Kind of every sample, and which orbit or chaotic attractor of its cell it goes to."""
     status = classifier.samples.status
-    kind = np.full(status.size, UNDECIDED)
-    kind[status == SETTLED_QUIET], kind[status == ORBIT] = QUIET, PERIODIC
-    which = np.where(status == ORBIT, classifier.samples.orbit, 0)
+    kind = np.full(status.size, Outcome.UNDECIDED)
+    kind[status == Outcome.QUIET], kind[status == Outcome.PERIODIC] = Outcome.QUIET, Outcome.PERIODIC
+    which = np.where(status == Outcome.PERIODIC, classifier.samples.orbit, 0)
     chaotic = [(i, each.samples) for chaos in classifier.chaos.values() for i, each in enumerate(chaos)]
     if chaotic:
         number, samples = zip(*chaotic, strict=True)
         on, of = np.concatenate(samples), np.repeat(number, [each.size for each in samples])
-        left = status[on] == LEFT
-        kind[on[left]], which[on[left]] = CHAOTIC, of[left]
+        left = status[on] == Outcome.UNRESOLVED
+        kind[on[left]], which[on[left]] = Outcome.CHAOTIC, of[left]
     return kind, which
 
 
-def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors, NDArray[np.int64]]:
+def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
     """One row for every attractor of every cell, and the row of every sample; missed: stable orbits that are known and
     that no sample went to have rows too.
     """
@@ -159,8 +172,8 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
     row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
     rows = rows_of(kind, which, samples.impacts, samples.time, known, row)
     cell, kind, which, one, number, impacts, watched = rows
-    watched[(kind != CHAOTIC) & (kind != UNDECIDED)] = np.nan
-    periodic = kind == PERIODIC
+    watched[(kind != Outcome.CHAOTIC) & (kind != Outcome.UNDECIDED)] = np.nan
+    periodic = kind == Outcome.PERIODIC
 
     def of_orbit(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
         column = np.minimum(which, values.shape[1] - 1)
@@ -168,7 +181,7 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
 
     first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
-    chaotic = np.flatnonzero(kind == CHAOTIC)
+    chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     if chaotic.size:
         found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
         first[chaotic], second[chaotic], error[chaotic] = pooled([each.sums for each in found])
@@ -176,42 +189,39 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
     m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
     tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
-    columns = cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts, watched
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
-    return Attractors._make(x[order] for x in columns), place[row]
+    table = AttractorTable(
+        cell=cell,
+        kind=kind,
+        m=m,
+        n_plus=n_plus,
+        n_minus=n_minus,
+        samples=number,
+        tau=tau,
+        v=v,
+        first=first,
+        second=second,
+        error=error,
+        impacts=impacts,
+        watched=watched,
+    )
+    return table.take(order), place[row]
 
 
-def of_samples(
-    classifier: type[Classifier],
-    cells: Sequence[NDArray[np.float64]],
-    count: int,
-    v_max: SpeedLimit,
-    seed: int,
-    budget: int = BUDGET,
-    tau: tuple[float, float] = (0.0, 1.0),
-    v_min: float = 0.0,
-) -> Attractors:
-    """The attractors of cells with these parameters (δ, ε, β and what the gear has besides), by its classifier. tau,
-    v_min: the box of states that the sample is of begins and ends there. Raises ParameterError.
-    """
-    budget = require_integer("budget", budget, 1, LARGEST_BUDGET)
-    count = require_integer("count", count, 1, MOST_SAMPLES)
-    seed = require_integer("seed", seed, 0, LARGEST_SEED)
-    flat = [np.array(x, order="C").ravel() for x in cells]
-    n = flat[0].size
-    require(n * count <= 64 * MOST_SAMPLES, f"{n} cells of {count} samples are too many at once: use tiles")
-    d, e, b = flat[:3]
-    highest = sampled_speeds(v_max, d, e, b)
-    if (*tau, v_min) != WHOLE and n:
-        box_of(tau, (v_min, float(highest.min())))
-    sample = initial_conditions(d, e, b, count, highest, seed, tau, v_min)
-    found = classifier.classify(flat, *sample, budget)
+def of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
+    """Return the attractors that a sample of each of these points finds. Raises ParameterError."""
+    cells = parameters.flat()
+    require(
+        cells.size * sample.count <= 64 * MOST_SAMPLES,
+        f"{cells.size} cells of {sample.count} samples are too many at once: use tiles",
+    )
+    found = classifier.classify(cells, *sample.states(cells), sample.budget)
     table, _rows = tabulated(found, missed=True)
     return table
 
 
-def listed(table: Attractors, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
+def listed(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
     """The rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the table's."""
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -86,9 +85,7 @@ def compare(
     tolerance = require_number("tolerance", tolerance, positive=True)
     offset = None if offset is None else require_finite("offset", offset)
     point = gear.delta, gear.epsilon, gear.beta
-    stiffness = model_at(gear).stiffness
-    dwell = 0.0 if stiffness is None else math.pi / math.sqrt(2.0 * stiffness)
-    fitting = Fitting(measured, gear, float(speed_unit(*point)), dwell)
+    fitting = Fitting(measured, gear, float(speed_unit(*point)), model_at(gear).dwell)
     attractors = gear.attractors(count, NATURAL, seed)
     known = [_known(each, gear, bins) for each in attractors if each.kind != "undecided"]
     if offset is not None:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.comparison.measured import Measured
-from rattle.flight.between import flight_between, turn
-from rattle.flight.law import TWO_PI, speed_unit, wrapped
+from rattle.flight.between import flight_between
+from rattle.flight.forcing import analytic_phase
+from rattle.flight.law import speed_unit, wrapped
 from rattle.models import AnyGear
 from rattle.numerics.compile import inline, kernel
 
@@ -200,7 +201,7 @@ def _ends(t0, t1, dwell):
     """The times at which a flight between impacts at t0 and t1 begins and ends, and sine and cosine there."""
     a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # a contact that cannot last so long
     b = complex(t1)
-    return a, b, turn(TWO_PI * a), turn(TWO_PI * b)
+    return a, b, analytic_phase(a), analytic_phase(b)
 
 
 @kernel

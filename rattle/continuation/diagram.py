@@ -12,14 +12,15 @@ attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speeds
-from rattle.attractors.table import KINDS, PERIODIC, Attractors
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
+from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
@@ -35,6 +36,7 @@ from rattle.notebook import (
     figure_of,
 )
 from rattle.notebook import motion as label_of
+from rattle.parameters import Parameters
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane
 MOST_STEPS = 20_000
@@ -108,7 +110,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     branches: tuple[AnyBranch, ...]
     events: tuple[AnyEvent, ...]
     points: Points
-    sampled: Attractors
+    sampled: AttractorTable
     small: tuple[Piece, ...]
     left_out: tuple[tuple[int, int, int], ...]
 
@@ -166,7 +168,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
 
 
 def diagram_of(
-    model: Motions, beta: float, steps: int, count: int, v_max: SpeedLimit, impacts: int, most: int, seed: int
+    model: Motions, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
 ) -> Diagram[Any, Any]:
     """The diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment
@@ -178,8 +180,8 @@ def diagram_of(
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
-    unit = float(sampled_speeds(None, *parameters[:3]).max()) / PAPER_SPEED
-    sampled = model.sampled(parameters, count, v_max, seed)
+    unit = float(replace(sample, v_max=None).highest(parameters).max()) / PAPER_SPEED
+    sampled = model.sampled(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):
         search.add(motion)
@@ -198,9 +200,9 @@ def diagram_of(
         segment,
         beta,
         position,
-        parameters[0],
-        parameters[1],
-        parameters[3] if len(parameters) > 3 else np.full(position.size, np.inf),
+        parameters.delta,
+        parameters.epsilon,
+        parameters.added.get("kappa", np.full(position.size, np.inf)),
         tuple(branches),
         tuple(sorted(search.events, key=lambda event: float(segment.position(event.parameters)))),
         sweeps.points(position, CHAOTIC_POINTS),
@@ -221,13 +223,13 @@ def require_end(name: str, value: ArrayLike) -> Array:
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
-def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search, unit: float) -> Iterator[Motion]:
+def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
     """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
     last: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
         for known in here:
-            if known.kind != PERIODIC:
+            if known.kind != Outcome.PERIODIC:
                 continue
             m, n_plus, n_minus = known.label
             if n_plus + n_minus > search.impacts:
@@ -237,8 +239,7 @@ def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search, unit: f
             age = near[0] + 1 if near else 0
             now.setdefault(known.label, []).append((age, known))
             if age % CHECKED == 0:
-                at = tuple(float(x[step]) for x in parameters)
-                found = search.model.near(at, known.tau, known.v, n_plus)
+                found = search.model.near(parameters.point(step), known.tau, known.v, n_plus)
                 if found is not None:
                     yield found
         last = now
@@ -266,7 +267,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
                 there = orbit.departures[upper], orbit.speeds[upper]
                 match = _nearest(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
-                    sweeps.known[step].append(Known(PERIODIC, label, orbit.tau, orbit.v, sampled=False))
+                    sweeps.known[step].append(Known(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False))
                     new = True
             sampled |= match is not None and match.sampled
         if not sampled:
@@ -296,6 +297,6 @@ def _nearest(
     """The attractor with this label that has a state so near to one of the impacts (n_plus,), speeds in their unit."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
-        if each.kind == PERIODIC and each.label == label and near.min() < within:
+        if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:
             return each
     return None

@@ -1,7 +1,7 @@
 """What a bifurcation diagram asks of a model along a segment of its parameters."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import Classifier
-from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
+from rattle.attractors.speeds import SampleSpec
+from rattle.attractors.table import AttractorTable, of_samples
 from rattle.continuation.arclength import Problem
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
+from rattle.parameters import Parameters
 
 POINTS_ACROSS = 60  # a segment, at least
 
@@ -46,7 +47,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Motions(ABC):
-    """One model along a segment. A step is a point of it: δ, ε, β and what else the model has, arrays (n,) for many.
+    """One model along a segment. A step is a point of it, its parameters by name; many are `Parameters` (n,).
 
     Branches and events are the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
     """
@@ -57,27 +58,27 @@ class Motions(ABC):
     classifier: ClassVar[type[Classifier]]
 
     @abstractmethod
-    def steps(self, position: Array) -> tuple[Array, ...]:
+    def steps(self, position: Array) -> Parameters:
         """The steps at these positions (n,)."""
 
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
-        """The attractors that so many initial conditions find, cell i at step i."""
-        return of_samples(self.classifier, steps, count, v_max, seed)
+    def sampled(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
+        """Return the attractors that a sample finds, cell i at step i."""
+        return of_samples(self.classifier, steps, sample)
 
-    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:
+    def classify(self, steps: Parameters, tau: Array, v: Array) -> Classifier:
         """States (n, k), each followed to its end."""
         return self.classifier.classify(steps, tau, v)
 
-    def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
+    def returned(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
         """States (n,) after one return to Σ⁺."""
         return self.classifier.iterated(steps, tau, v, 1)[:2]
 
     @abstractmethod
-    def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
+    def period_one(self, steps: Parameters) -> Iterator[Motion]:
         """Motions A to D somewhere on each of their branches."""
 
     @abstractmethod
-    def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
+    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
         """The periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
 
     @abstractmethod

@@ -20,8 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import AttractorTable, tabulated
 from rattle.continuation.motions import Motions
+from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
 STEP = (1, -1)
@@ -90,15 +92,15 @@ class _Run:
 class Sweeps:
     """Sweeps over steps of a model; to begin with, a table of what samples find there is known, cell by cell."""
 
-    def __init__(self, model: Motions, steps: tuple[Array, ...], table: Attractors) -> None:
+    def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
-        self.known: list[list[Known]] = [[] for _ in steps[0]]
+        self.known: list[list[Known]] = [[] for _ in range(steps.size)]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
-        for cell, kind, m, n_plus, n_minus, samples, tau, v in zip(*table[:8], strict=True):
-            if kind not in (QUIET, UNDECIDED):
-                label = int(m), int(n_plus), int(n_minus)
-                self.known[cell].append(Known(int(kind), label, float(tau), float(v), sampled=bool(samples)))
+        for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
+            state, sampled = (float(table.tau[i]), float(table.v[i])), bool(table.samples[i])
+            known = Known(int(table.kind[i]), table.label(i), *state, sampled=sampled)
+            self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
         """Follow everything known, one way at least."""
@@ -141,14 +143,14 @@ class Sweeps:
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
         at = [run.step for run in runs]
-        classifier = self.model.classify(tuple(np.ascontiguousarray(x[at]) for x in self.steps), tau, v)
+        classifier = self.model.classify(self.steps.take(at), tau, v)
         table, rows = tabulated(classifier)
         for i, run in enumerate(runs):
             first = i * count
             end = float(classifier.samples.tau[first]), float(classifier.samples.v[first])
             self._arrive(run, table, rows[first : first + len(states[i])], end)
 
-    def _arrive(self, run: _Run, table: Attractors, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
+    def _arrive(self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
         """Note what was reached, and go on; where that is nothing new, go back from the step before.
 
         One that is lost on its way back, from a set that it leaves in time, begins again where it came through.
@@ -157,16 +159,16 @@ class Sweeps:
         kind = int(table.kind[row])
         same = [known for known, other in zip(here, rows[1:], strict=True) if other == row]
         before = [any(known.reached) if run.stops_at_known else known.reached[run.direction] for known in same]
-        if kind == QUIET or any(before):
+        if kind == Outcome.QUIET or any(before):
             self._runs.remove(run)
             last = run.step - STEP[run.direction]
             self._begin(run.trail.get(last), 1 - run.direction, last, run.trail)
             again = run.step if run.trail else run.step + STEP[run.direction]
-            if kind == QUIET:
+            if kind == Outcome.QUIET:
                 self._begin(run.back.get(again), run.direction, again, run.back)
             return
         label = int(table.m[row]), int(table.n_plus[row]), int(table.n_minus[row])
-        if kind == PERIODIC:
+        if kind == Outcome.PERIODIC:
             end = float(table.tau[row]), float(table.v[row])
         if not same:
             same = [Known(kind, label, *end, sampled=False)]
@@ -185,15 +187,15 @@ class Sweeps:
         visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
         step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
-        label[kind != PERIODIC] = 0
-        size = np.where(kind == PERIODIC, label[:, 1], chaotic)
-        owner, tau, v = self._impacts(visits, size, tuple(x[step] for x in self.steps))
+        label[kind != Outcome.PERIODIC] = 0
+        size = np.where(kind == Outcome.PERIODIC, label[:, 1], chaotic)
+        owner, tau, v = self._impacts(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
         return Points(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
     def _impacts(
-        self, visits: Iterable[Visit], size: NDArray[np.int64], steps: tuple[Array, ...]
+        self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
         """So many states (size,) from each visit's on: number of the visit, τ, v, in the order of the visits."""
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
@@ -206,7 +208,7 @@ class Sweeps:
             order.append(np.full(which.size, i))
             tau.append(t)
             v.append(speed)
-            t, speed = self.model.returned(tuple(x[which] for x in steps), t, speed)
+            t, speed = self.model.returned(steps.take(which), t, speed)
         if not owner:
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
         numbers = np.concatenate(owner)

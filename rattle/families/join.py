@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.classify import Classifier
-from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors, of_samples
-from rattle.errors import parameters, real_array, require, require_number
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import SampleSpec
+from rattle.attractors.table import AttractorTable, of_samples
+from rattle.errors import real_array, require, require_number
 from rattle.families.footprints import overlaps
-from rattle.families.spread import NOWHERE, Linked, Rectangle, lead, spread
+from rattle.families.spread import NOWHERE, OF_ORBIT, Linked, Rectangle, lead, spread
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
 from rattle.families.table import Families, tabulated
+from rattle.parameters import Parameters
 
 AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
 STEPS = 64  # from a cell to the next, of an orbit that leads to another and is not led back to
@@ -33,27 +35,19 @@ def families_over(
     classifier: type[Classifier],
     delta: ArrayLike,
     epsilon: ArrayLike,
-    gear: dict[str, float],
-    count: int,
-    v_max: SpeedLimit,
-    seed: int,
-    budget: int,
+    others: dict[str, float],
+    sample: SampleSpec,
 ) -> Families:
-    """The families of a gear's attractors; gear: β and what it has besides. See `rattle.families_of`."""
+    """Return the families of a gear's attractors; others: β and what it has besides. See `rattle.families_of`."""
     delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
-    gear = {name: require_number(name, x, positive=True) for name, x in gear.items()}
-    flat = grid_of(delta, epsilon, **gear)
-    table = of_samples(classifier, flat, count, v_max, seed, budget)
-    return joined(delta, epsilon, count, table, classifier.cells_of(*flat))
-
-
-def grid_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], **gear: float) -> list[NDArray[np.float64]]:
-    """The parameters of the cells epsilon (m,) × delta (n,) row by row, each (m n,). Raises ParameterError."""
-    return [np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], **gear)]
+    others = {name: require_number(name, x, positive=True) for name, x in others.items()}
+    cells = Parameters.of(classifier.model, delta, epsilon[:, None], **others).flat()
+    table = of_samples(classifier, cells, sample)
+    return joined(delta, epsilon, sample.count, table, classifier.cells_of(cells))
 
 
 def joined(
-    delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors, cells: Any
+    delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: AttractorTable, cells: Any
 ) -> Families:
     """The families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each, row by row of
     the grid; cells: as kernels take them.
@@ -63,38 +57,39 @@ def joined(
 
 
 def joined_rows(
-    table: Attractors, shape: tuple[int, int], cells: Any
-) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]:
+    table: AttractorTable, shape: tuple[int, int], cells: Any
+) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
     """The table of the cells of a grid with what entered them, whether each row did (rows,), and its family (rows,)."""
     return _joined(table, shape, cells)[:3]
 
 
 def _joined(
-    table: Attractors, shape: tuple[int, int], cells: Any
-) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64], Sums]:
+    table: AttractorTable, shape: tuple[int, int], cells: Any
+) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
     orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    periodic = np.flatnonzero(table.kind == PERIODIC)
+    periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = together(table, entered(orbits, periodic.size, n))
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # of each orbit
     component = components(attractors, row, orbits, shape, cells)
     order = in_order(attractors)
-    attractors, component = Attractors._make(x[order] for x in attractors), component[order]
+    attractors, component = attractors.take(order), component[order]
     sums = sums_of(attractors, component, shape[1])
     return attractors, order >= table.cell.size, numbers_of(sums)[component], sums
 
 
-def together(*tables: Attractors) -> Attractors:
+def together(*tables: AttractorTable) -> AttractorTable:
     """The rows of one table after those of another."""
-    return Attractors._make(np.concatenate(columns) for columns in zip(*tables, strict=True))
+    return AttractorTable.concat(list(tables))
 
 
-def in_order(table: Attractors) -> NDArray[np.int64]:
+def in_order(table: AttractorTable) -> NDArray[np.int64]:
     """The order of rows (rows,): cell by cell, in each by falling number of samples, and nothing but what they are."""
-    return np.lexsort((table.tau, table.v, *table[4:0:-1], -table.samples, table.cell))
+    keys = (table.tau, table.v, table.n_minus, table.n_plus, table.m, table.kind, -table.samples, table.cell)
+    return np.lexsort(keys)
 
 
 def components(
-    table: Attractors, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
+    table: AttractorTable, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
     """Which rows of a table are one (rows,): equal numbers; QUIET_FAMILY: quiet motion, NO_FAMILY: not told.
 
@@ -103,28 +98,28 @@ def components(
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
-    chaotic = np.flatnonzero(table.kind == CHAOTIC)
+    chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
     overlap = overlaps(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
     pairs = zip(linked(orbits, row.size, cells), overlap, strict=True)
     one, other = (np.append(row[orbit], chaotic[chaos]) for orbit, chaos in pairs)
     graph = coo_array((np.ones(one.size, np.int8), (one, other)), (table.cell.size,) * 2)
     component = 1 + connected_components(graph, directed=False)[1].astype(np.int64)
-    component[table.kind == QUIET] = QUIET_FAMILY
-    component[table.kind == UNDECIDED] = NO_FAMILY
+    component[table.kind == Outcome.QUIET] = QUIET_FAMILY
+    component[table.kind == Outcome.UNDECIDED] = NO_FAMILY
     return component
 
 
-def continued(table: Attractors, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
+def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
     """The periodic orbits of a table, whose rows of one cell are side by side, and after them what they become in the
     cells of a rectangle of a grid with so many columns, with the number of all.
 
     first: of the periodic orbits that are continued; those before it have been.
     """
-    periodic = np.flatnonzero(table.kind == PERIODIC)
+    periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
     orbits = room_for(n + n // 4 + 64, cells[0].size)
-    for column, values in zip(orbits[:8], (table[i] for i in (0, 2, 3, 4, 6, 7, 8, 9)), strict=True):
-        column[:n] = values[periodic]
+    for name in OF_ORBIT:
+        getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
     orbits.last[cell] = np.arange(n)  # of equal cells the last one stays
@@ -182,14 +177,14 @@ def longer(orbits: Linked) -> Linked:
     return Linked._make(wider)._replace(last=orbits.last)
 
 
-def entered(orbits: Linked, n_known: int, n: int) -> Attractors:
+def entered(orbits: Linked, n_known: int, n: int) -> AttractorTable:
     """A row for each orbit that was entered, after so many that were known."""
     new = slice(n_known, n)
     many = n - n_known
     zeros = np.zeros(many, np.int64)
-    return Attractors(
+    return AttractorTable(
         cell=orbits.cell[new].astype(np.int64),
-        kind=np.full(many, PERIODIC),
+        kind=np.full(many, Outcome.PERIODIC),
         m=orbits.m[new].astype(np.int64),
         n_plus=orbits.n_plus[new].astype(np.int64),
         n_minus=orbits.n_minus[new].astype(np.int64),

@@ -7,15 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import PERIODIC, Attractors
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import AttractorTable
 from rattle.families.join import components, continued, entered, longer, room_for, spread_all, together
-from rattle.families.spread import Rectangle, enter
+from rattle.families.spread import OF_ORBIT, Rectangle, enter
 
-
-def no_attractors() -> Attractors:
-    """A table without rows."""
-    real = ("tau", "v", "first", "second", "error", "watched")
-    return Attractors._make(np.zeros(0, np.float64 if name in real else np.int64) for name in Attractors._fields)
+no_attractors = AttractorTable.empty
 
 
 class Piece:
@@ -29,13 +26,13 @@ class Piece:
         self.orbits, self.n = room_for(64, shape[0] * shape[1]), 0
         self.samples = np.zeros(0, np.int64)
 
-    def learn(self, table: Attractors) -> None:
+    def learn(self, table: AttractorTable) -> None:
         """Take the periodic rows of a table of cells of which none were known, and continue what is new."""
-        table = Attractors._make(x[table.kind == PERIODIC] for x in table)
+        table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:
             self.orbits = longer(self.orbits)
-        columns = (table[i] for i in (0, 2, 3, 4, 6, 7, 8, 9))
+        columns = (getattr(table, name) for name in OF_ORBIT)
         n = int(enter(*columns, before, self._cells, self.orbits, which))
         inside = Rectangle(0, self.shape[0], 0, self.shape[1])
         self.orbits, self.n = spread_all(before, n, self.shape[1], inside, self._cells, self.orbits)
@@ -44,21 +41,21 @@ class Piece:
 
 
 def entering(
-    inside: Attractors, beside: Attractors, tried: bool, columns: int, piece: Rectangle, cells: Any
-) -> Attractors:
+    inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
+) -> AttractorTable:
     """The orbits that enter the cells of a piece of a grid with so many columns: those of its attractors, and of those
     beside it, are continued in it until nothing new is found.
 
     Rows of one cell are side by side. tried: those inside have been continued before.
     """
-    n, m = (int(np.count_nonzero(table.kind == PERIODIC)) for table in (inside, beside))
+    n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
     return entered(orbits, n + m, end)
 
 
-def connected(table: Attractors, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
+def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
     """Which attractors of a grid that has everything that enters it are one (rows,), as `components` has it; table: in
     their order.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    return components(table, np.flatnonzero(table.kind == PERIODIC), orbits, shape, cells)
+    return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -37,6 +37,10 @@ class Rectangle(NamedTuple):
     right: int
 
 
+#: What a table of attractors says of an orbit, in the order of `enter`.
+OF_ORBIT = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
+
+
 class Linked(NamedTuple):
     """Stable orbits of the cells of a grid, (room,), the used ones first: cell, label, fastest point, both
     ln|multiplier|/m, and the orbit of the same cell that was entered before it.

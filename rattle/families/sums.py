@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import AttractorTable
 
 QUIET_FAMILY, NO_FAMILY = 0, -1
 
@@ -44,7 +44,7 @@ class Sums(NamedTuple):
     place: Integers
 
 
-def sums_of(table: Attractors, component: Integers, columns: int) -> Sums:
+def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
     """The sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)

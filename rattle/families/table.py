@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import QUIET, Attractors
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import AttractorTable
 from rattle.families.sums import QUIET_FAMILY, Sums, numbers_of
 
 
@@ -50,7 +51,7 @@ class Families:
     delta: NDArray[np.float64]
     epsilon: NDArray[np.float64]
     count: int
-    attractors: Attractors
+    attractors: AttractorTable
     entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     table: FamilyTable
@@ -86,7 +87,7 @@ def tabulated(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: i
     row, column = np.divmod(sums.at, delta.size)
     exponent = np.where(np.isfinite(sums.exponent), sums.exponent, np.nan)
     return FamilyTable(
-        of(sums.kind, QUIET),
+        of(sums.kind, Outcome.QUIET),
         of(sums.m),
         of(sums.n_plus),
         of(sums.n_minus),

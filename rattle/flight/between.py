@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import DRIFT, analytic_change, plus_analytic_acceleration, plus_slope
 from rattle.numerics.compile import inline
 
 SMALL = 0.1  # damping times flight, below which the mean drift's part of a velocity cancels
@@ -28,13 +28,6 @@ class Flights(NamedTuple):
 
 
 W0, W1, PULL, DECAY, W0_T0, W1_T1 = range(len(Flights._fields))
-
-
-@inline
-def turn(z):
-    """sin z and cos z."""
-    sine, cosine, cosh, sinh = math.sin(z.real), math.cos(z.real), math.cosh(z.imag), math.sinh(z.imag)
-    return complex(sine * cosh, cosine * sinh), complex(cosine * cosh, -sine * sinh)
 
 
 @inline
@@ -58,20 +51,18 @@ def lag(x, s, pull):
 @inline
 def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
     """The flight from time t0 to time t1 over a distance, in the order of `Flights`; turn0 and turn1 are sine and
-    cosine of 2π times these times. Not finite if it takes no time.
+    cosine of these phases. Not finite if it takes no time.
     """
     (sin0, cos0), (sin1, cos1) = turn0, turn1
     s = t1 - t0
     x = delta * s
     lost, decay = fall(x)
     pull = np.divide(delta, lost)
-    swing = -2.0 * turn(math.pi * (t0 + t1))[0] * turn(math.pi * s)[0]  # cos 2πt₁ − cos 2πt₀
-    apart = (epsilon * swing - gap) * pull
-    drift, rate = 2 * TWO_PI * lag(x, s, pull), TWO_PI * epsilon
-    w0 = drift - rate * sin0 - apart
-    w1 = drift + 2 * TWO_PI * x - rate * sin1 - apart * decay
-    slowing = delta * (2 * TWO_PI - drift + apart)
-    forcing = TWO_PI * rate
-    w0_t0 = w0 * pull + slowing - forcing * cos0
-    w1_t1 = (slowing - w1 * pull) * decay - forcing * cos1
+    apart = (analytic_change(t0, t1, s, epsilon) - gap) * pull
+    drift = DRIFT * lag(x, s, pull)
+    w0 = plus_slope(drift, sin0, cos0, epsilon) - apart
+    w1 = plus_slope(drift + DRIFT * x, sin1, cos1, epsilon) - apart * decay
+    slowing = delta * (DRIFT - drift + apart)
+    w0_t0 = plus_analytic_acceleration(w0 * pull + slowing, sin0, cos0, epsilon)
+    w1_t1 = plus_analytic_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon)
     return w0, w1, pull, decay, w0_t0, w1_t1

@@ -8,15 +8,14 @@ import numpy as np
 from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
+from rattle.flight.forcing import later_phase, negative_arc, short_step
 from rattle.flight.guess import depth, first_guess, in_single, level_of, local_root, refined, taylor
 from rattle.flight.law import (
-    TWO_PI,
     Flight,
     evaluate,
     evaluate_short,
     fourth_derivative,
     leaving,
-    negative_arc,
     second_derivative,
     third_derivative,
 )
@@ -47,9 +46,9 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
     The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
     F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
     """
-    f2 = second_derivative(lost, cos1, flight)
-    f3 = third_derivative(lost, sin1, flight)
-    f4 = fourth_derivative(lost, cos1, flight)
+    f2 = second_derivative(lost, sin1, cos1, flight)
+    f3 = third_derivative(lost, sin1, cos1, flight)
+    f4 = fourth_derivative(lost, sin1, cos1, flight)
     inverse = 1.0 / f1
     u = -f0 * inverse
     size = abs(u)
@@ -64,15 +63,14 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
 @inline
 def stepped(u, f1, lost, sin1, cos1, flight):
     """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: what is left out is below 1e-15 of each."""
-    f2 = second_derivative(lost, cos1, flight)
-    f3 = third_derivative(lost, sin1, flight)
-    f4 = fourth_derivative(lost, cos1, flight)
-    y, x = TWO_PI * u, flight.delta * u
-    omc, siny = y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
+    f2 = second_derivative(lost, sin1, cos1, flight)
+    f3 = third_derivative(lost, sin1, cos1, flight)
+    f4 = fourth_derivative(lost, sin1, cos1, flight)
+    step, x = short_step(u), flight.delta * u
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
-    cos2 = cos1 - (siny * sin1 + omc * cos1)
+    sin2, cos2 = later_phase(step, sin1, cos1)
     lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
-    return w1, second_derivative(lost, cos2, flight), lost, sin1 + (siny * cos1 - omc * sin1), cos2
+    return w1, second_derivative(lost, sin2, cos2, flight), lost, sin2, cos2
 
 
 @kernel
@@ -113,7 +111,7 @@ def root_in(lo, hi, guess, level, rising, flight):
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        f0, f1, f2, lost, sin1, _c = evaluate(s, flight)
+        f0, f1, f2, lost, sin1, cos1 = evaluate(s, flight)
         f0 -= level
         if (f0 > 0.0) == rising:
             hi = s
@@ -121,7 +119,7 @@ def root_in(lo, hi, guess, level, rising, flight):
             lo = s
         u, p = -f0 / f1, 0.5 * f2 / f1
         u /= 1.0 + u * p
-        bend = p * p + abs(third_derivative(lost, sin1, flight) / f1)
+        bend = p * p + abs(third_derivative(lost, sin1, cos1, flight) / f1)
         new = s + u
         inside = lo <= new <= hi
         if inside and abs(u) * u * u * bend < 1e-17 * s:
@@ -141,7 +139,7 @@ def extremum_in(lo, hi, guess, convex, flight):
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        _f0, f1, f2, lost, sin1, _c = evaluate(s, flight)
+        _f0, f1, f2, lost, sin1, cos1 = evaluate(s, flight)
         if (f1 > 0.0) == convex:
             hi = s
         else:
@@ -149,7 +147,7 @@ def extremum_in(lo, hi, guess, convex, flight):
         u = -f1 / (f2 + flight.delta * f1)  # F'' + δF' is the contact force, which keeps its sign
         new = s + u
         inside = lo <= new <= hi
-        bend = abs(third_derivative(lost, sin1, flight) / f2) + abs(flight.delta)
+        bend = abs(third_derivative(lost, sin1, cos1, flight) / f2) + abs(flight.delta)
         if inside and u * u * bend < 1e-9 * min(s, 1.0):
             return new
         if not inside or k % BISECTED == 0:

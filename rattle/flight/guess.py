@@ -15,10 +15,23 @@ from typing import NamedTuple
 from numpy import float32 as f32
 from numpy import sqrt
 
-from rattle.flight import coefficients
-from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, Flight, evaluate32
+from rattle.flight.forcing import (
+    DRIFT,
+    W1,
+    Q,
+    change_scale32,
+    coarse_change_scale32,
+    fourth_derivative32,
+    largest_sixth32,
+    mean_cosine32,
+    minus_fifth_derivative32,
+    plus_mean_acceleration32,
+    plus_slope32,
+    slope_range32,
+    third_derivative32,
+)
+from rattle.flight.law import LONGEST_DECAY, Flight, evaluate32
 from rattle.numerics.compile import inline
-from rattle.numerics.polynomial import degree_4
 
 ERROR = f32(6e-6)
 CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart
@@ -28,9 +41,7 @@ TOO_FAR = f32(LONGEST_DECAY)  # δs up to which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound that proves nothing
 SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
-Q, PER_DRIFT = f32(DRIFT), f32(1.0 / DRIFT)
-W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the k-th derivative of the forcing
-SIXTH = f32(TWO_PI**6 / 720)
+PER_DRIFT = f32(1.0 / DRIFT)
 
 
 class Minimum(NamedTuple):
@@ -56,8 +67,8 @@ class Scan(NamedTuple):
 @inline
 def in_single(flight):
     """A flight in single precision, with A of the rounded numbers."""
-    w, sin0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.epsilon)
-    return Flight(w, Q - W1 * epsilon * sin0 - w, sin0, f32(flight.cos0), f32(flight.delta), epsilon)
+    w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
+    return Flight(w, plus_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
 
 
 @inline
@@ -68,11 +79,8 @@ def first_guess(wall, gap, inverse_delta, flight):
     u = speed * PER_DRIFT
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta  # 2π × the time to stop without forcing
     y = min(y, W1)
-    square = y * y
-    cosine = (
-        degree_4(coefficients.MEAN_COSINE_32, square) * cos0 - y * degree_4(coefficients.MEAN_SINE_32, square) * sin0
-    )
-    force = delta * (Q + f32(0.5) * speed) - W2 * epsilon * cosine
+    cosine = mean_cosine32(y, sin0, cos0)
+    force = plus_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
     way, pace = speed, max(force, f32(0.35) * Q * delta)  # turning: speed over force; arriving: gap over speed
@@ -103,9 +111,9 @@ def taylor(s, flight):
     f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
     delta, epsilon = flight.delta, flight.epsilon
     b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
-    c3 = (W3 * epsilon * sin1 - delta * b) * f32(1 / 6)
-    c4 = (W4 * epsilon * cos1 + delta * delta * b) * f32(1 / 24)
-    c5 = (W5 * epsilon * sin1 + delta * delta * delta * b) * f32(-1 / 120)
+    c3 = (third_derivative32(sin1, cos1, epsilon) - delta * b) * f32(1 / 6)
+    c4 = (fourth_derivative32(sin1, cos1, epsilon) + delta * delta * b) * f32(1 / 24)
+    c5 = (minus_fifth_derivative32(sin1, cos1, epsilon) + delta * delta * delta * b) * f32(-1 / 120)
     return f0, f1, f32(0.5) * f2, c3, c4, c5
 
 
@@ -113,15 +121,14 @@ def taylor(s, flight):
 def height_scale(s, flight):
     """The sum of the sizes of the terms of F after s, up to which its rounding is relative."""
     w, a, _sin0, _cos0, delta, epsilon = flight
-    y = W1 * s
-    forcing = min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
-    return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forcing
+    forced = change_scale32(s)
+    return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
 
 
 @inline
 def speed_scale(flight):
     """The same for F'."""
-    return abs(flight.w) + abs(flight.a) + f32(2.0) * W1 * flight.epsilon
+    return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 
 @inline
@@ -153,11 +160,13 @@ def depth(s, series, flight):
     lowest = height(u, c0, c1, c2, c3, c4, c5)
     reach = max(abs(u), NEAREST)
     r2 = reach * reach
-    m6 = SIXTH * epsilon + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))  # |F⁽⁶⁾|/720, e^(δu) < 2
+    m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
+        delta * abs(a)
+    )  # |F⁽⁶⁾|/720, e^(δu) < 2
     left_out = m6 * r2 * r2  # times r2 in F, 6 r in F'
     tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
-    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
+    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)
     good = (delta * reach < f32(0.3)) & (reach < s)
     bound = lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED
     return lowest, Minimum(bound, tilt, s + u)

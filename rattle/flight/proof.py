@@ -3,8 +3,15 @@
 from numpy import float32 as f32
 from numpy import floor
 
-from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, W1, W2, height_scale, speed_scale
-from rattle.flight.law import Arc, decay32, evaluate32
+from rattle.flight.forcing import (
+    Arc,
+    largest_acceleration32,
+    largest_slope_loss32,
+    plus_slope_change32,
+    sine_changes_to_arc32,
+)
+from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, height_scale, speed_scale
+from rattle.flight.law import decay32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
@@ -55,9 +62,9 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
     to_entry, to_exit, inside = arc_ahead(tau, arc)
     x, y = delta * to_entry, delta * to_exit
     slack = ERROR * speed_scale(flight)
-    moved_entry, moved_exit = (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
-    at_entry = w + a * x * (f32(1.0) - x * decay32(x)) - W1 * epsilon * moved_entry
-    at_exit = w + a * y * (f32(1.0) - y * decay32(y)) - W1 * epsilon * moved_exit
+    dsin_entry, dsin_exit = sine_changes_to_arc32(inside, sin0, arc)
+    at_entry = plus_slope_change32(w + a * x * (f32(1.0) - x * decay32(x)), dsin_entry, epsilon)
+    at_exit = plus_slope_change32(w + a * y * (f32(1.0) - y * decay32(y)), dsin_exit, epsilon)
     falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
     rises_out = at_exit > slack
     end = s * LATER + CLOSE
@@ -86,9 +93,9 @@ def lowest_point(s, minimum, delta):
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """True unless the flight might touch Σ⁻ on its way from Σ⁺ back to Σ⁺: it is too short for that, or turns above.
 
-    Falling, |F'| stays below v + 2πε (1 − sin θ) where a ≥ 0.
+    Falling, |F'| stays below v + max (e'(t₀) − e') where a ≥ 0, which for one cosine is v + 2πε (1 − sin θ).
     """
-    fastest = abs(flight.w) + W1 * flight.epsilon * (f32(1.0) - flight.sin0)
+    fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
     shallow = fastest * s * LATER < f32(0.9999) * gap
     turns_above = (lowest_point(s, minimum, flight.delta) > -gap) & (minimum.time < s)
     return ((shallow & (flight.a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
@@ -115,7 +122,9 @@ def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     first = w * (steep * to_entry - f_entry) / (steep - w)
     steep = -down * decay_entry / decay_exit  # on the arc F' is between −steep and up
     top = f_entry + up * (f_exit - f_entry + steep * arc.length) / (up + steep)
-    bend = delta * abs(flight.a) + W2 * flight.epsilon  # at least |F''|: double precision may move the end by 1e-4
+    bend = delta * abs(flight.a) + largest_acceleration32(
+        flight.epsilon
+    )  # at least |F''|: double precision may move the end by 1e-4
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
     early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)

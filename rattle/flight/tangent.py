@@ -1,48 +1,31 @@
-"""The tangent of one flight and its reflection, and whether a motion leaves the wall at all (compiled)."""
+"""The tangent of one flight and of the impact at its end (compiled)."""
 
-import math
-
-from rattle.flight.law import TWO_PI, contact_force, second_derivative
-from rattle.numerics.compile import inline, kernel
-
-STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
-MOST_BOUNCES = 100_000
-SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
-
-
-@kernel
-def rests(wall, w, tau, delta, epsilon, drift):
-    """True if the motion does not leave the wall: no speed into the gap, and a contact force that presses on the wall.
-
-    A graze arrives with no speed and leaves at once, because the force points into the gap.
-    """
-    if wall * w < -SLOWEST:
-        return False
-    theta = TWO_PI * tau
-    force = contact_force(math.sin(theta), math.cos(theta), delta, epsilon, drift)
-    return not (w == 0.0 and wall * force < 0.0)
+from rattle.flight.forcing import derivatives_by_departure
+from rattle.flight.impact_law import determinant_of_impact, reflected_change
+from rattle.flight.law import second_derivative
+from rattle.numerics.compile import inline
 
 
 @inline
 def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ at fixed flight time; ∂F'/∂w₀ = e^(−δs)."""
-    force = TWO_PI * TWO_PI * epsilon
     f_w = lost * inverse_delta
-    return f_w, f_w * force * cos0 - TWO_PI * epsilon * (sin1 - sin0), force * ((1.0 - lost) * cos0 - cos1)
+    f_t, v_t = derivatives_by_departure(f_w, 1.0 - lost, sin0, cos0, sin1, cos1, epsilon)
+    return f_w, f_t, v_t
 
 
 @inline
 def flight_tangent(w1, lost, sin1, cos1, flight):
     """∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
-    F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; reflection turns w₁ into −w₁.
+    F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; the impact law reflects the change of w₁.
     """
     decay = 1.0 - lost
     sin0, cos0, inverse_delta = flight.sin0, flight.cos0, 1.0 / flight.delta
     f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, flight.epsilon)
-    bend = second_derivative(lost, cos1, flight)
+    bend = second_derivative(lost, sin1, cos1, flight)
     s_t, s_w = -f_t / w1, -f_w / w1
-    return 1.0 + s_t, s_w, -(bend * s_t + v_t), -(bend * s_w + decay)
+    return 1.0 + s_t, s_w, reflected_change(bend * s_t + v_t), reflected_change(bend * s_w + decay)
 
 
 @inline
@@ -58,4 +41,4 @@ def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon
     inverse = 1.0 / w1
     dt = -(f_t * t + f_w * w) * inverse
     determinant = (w1 * decay - f_w * bend - f_t * decay + f_w * v_t) * inverse
-    return t + dt, -(bend * dt + v_t * t + decay * w), determinant
+    return t + dt, reflected_change(bend * dt + v_t * t + decay * w), determinant_of_impact(determinant)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.reached import Sampled
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit
 from rattle.errors import RattleError, require, require_finite, require_number
-from rattle.flight import first_impact, law
+from rattle.flight import contact_phase, first_impact, forcing, law
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map import impact_map
@@ -39,7 +39,7 @@ class FirstImpact(NamedTuple):
 
 def _raise_for(status: int) -> None:
     """Turn a kernel's status code into an exception."""
-    if status == impact_map.STUCK:
+    if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
         raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
     if status == first_impact.NO_IMPACT:
         raise RattleError(
@@ -97,7 +97,7 @@ class Gear(Sampled, Rattling):
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         status, time, next_wall, w1, *_ = first_impact.first_impact(
-            int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, law.DRIFT
+            int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, forcing.DRIFT
         )
         _raise_for(status)
         return FirstImpact(time, next_wall, w1)
@@ -108,7 +108,7 @@ class Gear(Sampled, Rattling):
         The tangent is infinite at a graze. Raises ParameterError, and RattleError if there is no next impact.
         """
         v = require_number("v", v, positive=True)
-        found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, law.DRIFT, False)
+        found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False)
         status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
         _raise_for(status)
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)

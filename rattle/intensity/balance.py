@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import mean_force
 from rattle.intensity.motions import ENDLESS
 from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, summed
 from rattle.numerics.compile import kernel
@@ -33,18 +34,18 @@ def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
         returns = n_plus[i] if periodic[i] else ENDLESS
         periods = math.inf if periodic[i] else max(PERIODS, RELAXATIONS / point.delta)
         status, _tau, _v, _time = summed(tau[i], v[i], returns, periods, MOST_IMPACTS, point, sums)
-        balance = 0.5 * sums[0, IMPULSE] / (TWO_PI * point.delta * sums[0, TIME])
+        balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force(point.delta) * sums[0, TIME])
         found[i] = abs(balance - 1.0) if status == OK else math.nan
 
 
-def impulse_balance_errors(table: Attractors, cells: Any) -> NDArray[np.float64]:
+def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
     """|(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,), NaN of what is neither periodic nor chaotic: to
     rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one. cells: as the kernels take them.
     """
     errors = np.full(table.cell.size, np.nan)
-    rows = np.flatnonzero((table.kind == PERIODIC) | (table.kind == CHAOTIC))
+    rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))
     found = np.empty(rows.size)
-    columns = (x[rows] for x in (table.cell, table.kind == PERIODIC, table.n_plus, table.tau, table.v))
+    columns = (x[rows] for x in (table.cell, table.kind == Outcome.PERIODIC, table.n_plus, table.tau, table.v))
     imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
     errors[rows] = found
     return errors

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES, T_95
 from rattle.errors import require_number
-from rattle.flight.law import DRIFT, TWO_PI
+from rattle.flight.forcing import mean_force
 from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting, watched_periods
 from rattle.intensity.visit import (
     COLUMNS,
@@ -78,7 +78,7 @@ class Intensity:
 
 def natural_energy(delta: Any) -> Any:
     """Energy per forcing period of A and C, which have one impact of speed 2πδ: a reference for levels."""
-    return 0.5 * (TWO_PI * delta) ** 2
+    return 0.5 * (0.5 * mean_force(delta)) ** 2
 
 
 UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNKNOWN)
@@ -88,7 +88,7 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     """See `Rattling.intensity`; the point as kernels take it."""
     kind = kind_of(motion)
     if kind == "quiet":
-        return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * DRIFT * point.delta)
+        return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * mean_force(point.delta))
     if kind == "undecided":
         return UNDECIDED
     if kind == "periodic":

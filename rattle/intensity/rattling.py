@@ -25,7 +25,7 @@ class Rattling(ABC):
 
     @property
     def _stiffness(self) -> float:
-        """κ of its walls."""
+        """The stiffness of its walls."""
         return math.inf
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:

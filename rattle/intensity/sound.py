@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import require, require_integer, require_number
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import TWO_PI
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import Motion
 from rattle.numerics.compile import kernel

@@ -1,11 +1,11 @@
 """The order spectrum of the contact force: lines of periodic motions, a density with confidence of chaos.
 
 An order is a frequency in units of the forcing's. The contact force of the impacting gear is its impulses. In contact
-the stiff gear has x'' + δx' + 2κx = h from depth 0, entered with speed u at t, to depth 0, left with w at t + d, so
+the stiff gear has x'' + δx' + 2kx = h from depth 0, entered with speed u at t, to depth 0, left with w at t + d, so
 
-    ∫ 2κx e^(−iωs) ds = T(ω) (u e^(−iωt) + w e^(−iω(t + d)) + ∫ h e^(−iωs) ds),      T = 2κ/(2κ − ω² + iδω),
+    ∫ 2kx e^(−iωs) ds = T(ω) (u e^(−iωt) + w e^(−iω(t + d)) + ∫ h e^(−iωs) ds),      T = 2k/(2k − ω² + iδω),
 
-exactly; for κ → ∞, T = 1 and d = 0, these are the impulses u + w = 2u.
+exactly; for k → ∞, T = 1 and d = 0, these are the impulses u + w = 2u.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_integer, require_number
-from rattle.flight.law import DRIFT, TWO_PI
+from rattle.flight.forcing import TWO_PI, Forcing
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import Motion, kind_of
 from rattle.intensity.visit import Impacts
@@ -54,7 +54,7 @@ class Density(NamedTuple):
     high: Array
 
 
-def spectrum(motion: Motion, point: Any, kappa: float, highest: float, resolution: int) -> Lines | Density:
+def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resolution: int) -> Lines | Density:
     """See `Rattling.spectrum`."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
@@ -68,28 +68,28 @@ def spectrum(motion: Motion, point: Any, kappa: float, highest: float, resolutio
     if kind == "chaotic":
         length = float(resolution)
         impacts = impacts_of(motion, point, 0.5 * (SEGMENTS + 1) * length)
-        return _density(impacts, order, motion.tau, length, point, kappa)
+        return _density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
         pressing = _pressing(order, point.delta, point.epsilon)
-        return Lines(order, np.asarray(-response(order, point.delta, kappa) * pressing))
+        return Lines(order, np.asarray(-response(order, point.delta, stiffness) * pressing))
     impacts = impacts_of(motion, point, None)
-    return Lines(order, np.asarray(force_of(impacts, order, point, kappa) / -motion.m))
+    return Lines(order, np.asarray(force_of(impacts, order, point, stiffness) / -motion.m))
 
 
-def response(order: ArrayLike, delta: float, kappa: float) -> NDArray[np.complex128]:
+def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
     """T at these orders (any shape)."""
     omega = TWO_PI * np.asarray(order, np.float64)
-    return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * kappa)))
+    return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
 
-def force_of(impacts: Impacts, order: Array, point: Any, kappa: float) -> NDArray[np.complex128]:
+def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
     """∫ e^(−2πi order t) of the force that pushes away from Σ⁺ in these impacts, at orders (n,)."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
         part = slice(first, first + rows)
         found[part] = _transformed(impacts, TWO_PI * order[part, None], point.delta, point.epsilon).sum(axis=1)
-    return response(order, point.delta, kappa) * found
+    return response(order, point.delta, stiffness) * found
 
 
 def _transformed(impacts: Impacts, omega: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
@@ -99,15 +99,10 @@ def _transformed(impacts: Impacts, omega: Array, delta: float, epsilon: float) -
     found = impacts.wall * speeds
     if impacts.duration.any():
         found += sum(
-            size * _lasting(frequency - omega, begin, impacts.duration) for frequency, size in _forces(delta, epsilon)
+            size * _lasting(frequency - omega, begin, impacts.duration)
+            for frequency, size in Forcing(epsilon).lines(delta)
         )
     return found
-
-
-def _forces(delta: float, epsilon: float) -> list[tuple[float, complex]]:
-    """The contact force 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt as Σ size e^(i frequency t)."""
-    size = epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
-    return [(0.0, complex(delta * DRIFT)), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
 
 def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
@@ -119,11 +114,11 @@ def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.comp
 def _pressing(order: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
     """The lines of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
-    lines[:2] = [size for _, size in _forces(delta, epsilon)[:2]][: order.size]
+    lines[:2] = [size for _, size in Forcing(epsilon).lines(delta)[:2]][: order.size]
     return lines
 
 
-def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, kappa: float) -> Density:
+def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
     """Welch's estimate over half overlapping segments under Hann's window: the transform of the train itself, so that
     nothing is sampled and no order is folded onto another.
 
@@ -135,7 +130,7 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
     begin = start + 0.5 * length * np.arange(SEGMENTS)
     first, last = np.searchsorted(time, begin), np.searchsorted(time, begin + length)
     power = periodograms(time, weight, begin, first, last, length, order.size)
-    density = power / SEGMENTS * np.abs(response(order, point.delta, kappa)) ** 2
+    density = power / SEGMENTS * np.abs(response(order, point.delta, stiffness)) ** 2
     freedom = 36.0 * SEGMENTS**2 / (19.0 * SEGMENTS - 1.0)
     low, high = (freedom / chdtri(freedom, share) for share in (0.025, 0.975))
     return Density(order, density, low * density, high * density)
@@ -147,7 +142,7 @@ def _pushes(impacts: Impacts, delta: float, epsilon: float) -> tuple[Array, Arra
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
     at = begin[:, None] + half * (1.0 + NODES)
-    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in _forces(delta, epsilon))
+    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in Forcing(epsilon).lines(delta))
     time = np.concatenate([begin, begin + impacts.duration, at.ravel()])
     weight = np.concatenate([wall * impacts.speed, wall * impacts.departure, (half * WEIGHTS * force).ravel()])
     rising = np.argsort(time, kind="stable")

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.attractors.classify import PERIODS, WATCH
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, Attractors
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
-from rattle.flight.law import DRIFT, wrapped
+from rattle.flight.forcing import mean_force
+from rattle.flight.law import wrapped
 from rattle.intensity.intensity import half_widths, rates
 from rattle.intensity.motions import CLOSED, ENDLESS
 from rattle.intensity.visit import COLUMNS, FASTEST, TIME, summed
@@ -78,23 +80,26 @@ def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cel
     return sums
 
 
-def intensities_of(table: Attractors, cells: Any, stretch: Stretch) -> Intensities:
+def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
     """How hard every attractor of a table rattles: exactly over a period, and of chaos over a stretch that costs a few
     per cent of its classification. cells: as the kernels take them.
     """
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
-    quiet = table.kind == QUIET
-    found[:EXACT, quiet] = [*(np.full(quiet.sum(), x) for x in OF_QUIET), 0.5 * DRIFT * cells.delta[table.cell[quiet]]]
+    quiet = table.kind == Outcome.QUIET
+    found[:EXACT, quiet] = [
+        *(np.full(quiet.sum(), x) for x in OF_QUIET),
+        0.5 * mean_force(cells.delta[table.cell[quiet]]),
+    ]
     found[EXACT:, quiet] = 0.0
 
-    periodic = np.flatnonzero(table.kind == PERIODIC)
+    periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     around = np.zeros((periodic.size, COLUMNS))
     once_around(*(x[periodic] for x in (table.cell, table.n_plus, table.tau, table.v)), cells, around)
     around[:, TIME] = np.rint(around[:, TIME])
     found[:EXACT, periodic] = rates(around[:, None])
     found[EXACT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 
-    chaotic = np.flatnonzero(table.kind == CHAOTIC)
+    chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
     cell = table.cell[chaotic]
     sums = stretch(
         cell, table.tau[chaotic], table.v[chaotic], np.maximum(1.0, WATCH / (PERIODS * cells.delta[cell])), cells

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import TWO_PI
 
 DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ωt
 
@@ -43,12 +43,6 @@ def over_radius(length: Any, radius: Any, drive: str) -> Any:
 def half_backlash(backlash: Any, radius: Any, drive: str) -> Any:
     """β."""
     return DRIVES[drive] * backlash / (2.0 * radius)
-
-
-def wall_stiffness(stiffness: Any, inertia: Any, radius: Any, speed: Any, drive: str) -> Any:
-    """κ."""
-    turned = TWO_PI * radius / speed
-    return stiffness * turned * turned / (DRIVES[drive] * inertia)
 
 
 def units(inertia: Any, radius: Any, speed: Any, drive: str) -> Units:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from rattle.errors import ParameterError, require, require_number
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import TWO_PI
 
 UNITS = {
     "inertia": "kg*m**2",

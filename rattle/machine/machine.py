@@ -8,10 +8,10 @@ with k times their depth. With φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt 
 
 give I φ'' + c φ' = 2cΩ − 2F r: in forcing periods 2π/Ω the paper's (2.1) to (2.4), with
 
-    δ = 2πc/(IΩ),      ε = e/r,      β = j/2r,      κ = 4π²kr²/(IΩ²).
+    δ = 2πc/(IΩ),      ε = e/r,      β = j/2r.
 
 Drive "speed" imposes θ₁ = Ωt, so I φ'' + c φ' = cΩ − F r, with half the drift: Φ, ε and β of the model are then twice
-those above, and κ is half. docs/decisions/0025-machine.md has every step.
+those above, and a stiffness counts half. docs/decisions/0025-machine.md has every step.
 """
 
 import math
@@ -121,19 +121,36 @@ class Machine:
         return float(conversion.half_backlash(self.backlash, self.radius, self.drive))
 
     @property
-    def kappa(self) -> float | None:
-        """Stiffness κ, None where teeth do not give way."""
-        if self.stiffness is None:
-            return None
-        numbers = self.stiffness, self.inertia, self.radius, self.speed
-        return float(conversion.wall_stiffness(*numbers, self.drive))
+    def added(self) -> dict[str, float]:
+        """What its model has beside δ, ε and β, by name."""
+        from rattle.models import ADDED  # loads all gears: only for who asks
+
+        given = {
+            name: (each.of_machine, getattr(self, each.machine_number))
+            for name, each in ADDED.items()
+            if each.machine_number is not None and each.of_machine is not None
+        }
+        scale = conversion.DRIVES[self.drive]
+        return {
+            name: float(make(number, self.inertia, self.radius, self.speed, scale))
+            for name, (make, number) in given.items()
+            if number is not None
+        }
+
+    def __getattr__(self, name: str) -> float | None:
+        """Return a parameter that a model adds, None where this machine's model does not have it."""
+        from rattle.models import ADDED
+
+        if name not in ADDED:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return self.added.get(name)
 
     @property
     def gear(self) -> "AnyGear":
         """The parameter point: a `Gear`, or with a stiffness a `StiffGear`. Raises ParameterError."""
-        from rattle.models import model_of  # loads the stiff gear: only for who asks
+        from rattle.models import model_of  # loads all gears: only for who asks
 
-        return model_of(self.beta, self.kappa).gear(self.delta, self.epsilon)
+        return model_of(self.beta, **self.added).gear(self.delta, self.epsilon)
 
     @property
     def units(self) -> Units:

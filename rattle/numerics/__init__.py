@@ -1,6 +1,7 @@
-"""Compiling, polynomials, complex-step derivatives, the secant method, sampling: nothing of the gear."""
+"""Compiling, tables, polynomials, complex-step derivatives, the secant method, sampling: nothing of the gear."""
 
 from rattle.numerics.compile import compile_apart, note_of
 from rattle.numerics.processes import environment, leave_working_directory
+from rattle.numerics.struct_of_arrays import StructOfArrays
 
-__all__ = ["compile_apart", "environment", "leave_working_directory", "note_of"]
+__all__ = ["StructOfArrays", "compile_apart", "environment", "leave_working_directory", "note_of"]

@@ -41,6 +41,7 @@ if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
 log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
 
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}  # of what a survey holds
+COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # which take what is compiled elsewhere
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
 STEP = "compiling "  # how a line of that process begins that says what it is at
 _HERE: list[Path] = []  # notes of what this process compiles for others
@@ -49,11 +50,15 @@ _HERE: list[Path] = []  # notes of what this process compiles for others
 @cache
 def source_hash() -> str:
     """Hex SHA-256 over the sources that compute: two equal hashes give bit-identical numbers on one machine."""
+    return _hash_without(COMPUTE_NOTHING)
+
+
+def _hash_without(left_out: set[str]) -> str:
     digest = hashlib.sha256()
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
-        if name.parts[0] not in COMPUTE_NOTHING:
+        if name.parts[0] not in left_out:
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
@@ -92,7 +97,7 @@ def _root() -> str:
 def cache_directory() -> Path:
     """Return the directory of kernels of these sources, at this place, for this compiler and processor."""
     target: Any = numba.config
-    key = (source_hash(), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
+    key = (_hash_without(COMPILE_NOTHING), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
     return Path(_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
 
 
@@ -189,10 +194,20 @@ def inline(function: Callable[..., Any]) -> Inline:
     return Inline(function)
 
 
+#: Functions that kernels find by the type of their last argument: for each, its implementation for every type.
+FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
+
+
 def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Say what a function is, inside kernels, whose last argument is a named tuple of this kind: the decorated one."""
+    """Say what a function is, inside kernels, whose last argument is a named tuple of this kind: the decorated one.
+
+    `FOR_TYPES` has all of them, and the docstring of `rattle.orbits.return_map` lists them with their places. Kernels
+    are not passed as arguments instead: numba's cache on disk does not know those (docs/decisions/0018-stiff.md).
+    """
 
     def register(implementation: Callable[..., Any]) -> Callable[..., Any]:
+        FOR_TYPES.setdefault(function, {})[kind] = implementation
+
         def choose(*arguments: Any) -> Any:
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 

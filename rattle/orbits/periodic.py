@@ -3,12 +3,13 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight import law
+from rattle.flight.impact_law import ELASTIC, ImpactLaw
 from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion
 from rattle.numerics.complex_step import Array, derivatives
 from rattle.orbits.period_one import multipliers_of
@@ -25,6 +26,8 @@ class Equations(ABC):
     walls: tuple[int, ...]
     m: int
     beta: float
+
+    law: ClassVar[ImpactLaw] = ELASTIC
 
     @property
     @abstractmethod
@@ -143,7 +146,8 @@ class Periodic(ABC):
     @classmethod
     def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
         """The motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map."""
-        n, determinant = itinerary.n, np.exp(-x[itinerary.n] * itinerary.m)
+        n = itinerary.n
+        determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
         large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_of(trace, determinant)
         times, multipliers = x[: len(itinerary.walls)] - np.floor(x[0]), (complex(large), complex(small))
         here = float(x[n]), float(x[n + 1]), itinerary.beta, itinerary.m, itinerary.walls
@@ -158,6 +162,11 @@ class Periodic(ABC):
     @abstractmethod
     def point(self) -> Any:
         """Its parameters, as kernels take them."""
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """The names of its parameters beside δ, ε and β."""
+        return ()
 
     @property
     def tau(self) -> float:

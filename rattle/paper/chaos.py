@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors.table import CHAOTIC
+from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import attractors_of
@@ -24,7 +24,7 @@ States = tuple[NDArray[np.float64], NDArray[np.float64]]
 def on_chaos(delta: float, epsilon: float, count: int) -> States:
     """(τ, v) of so many states on the chaotic attractor: one trajectory of it, impact by impact."""
     found = attractors_of(delta, epsilon, count=SAMPLES)
-    chaotic = np.flatnonzero(found.kind == CHAOTIC)
+    chaotic = np.flatnonzero(found.kind == Outcome.CHAOTIC)
     if not chaotic.size:
         raise RattleError(f"no chaotic attractor was found at delta = {delta}, epsilon = {epsilon}")
     i = chaotic[0]

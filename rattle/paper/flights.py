@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import DRIFT, TWO_PI
+from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.gear import Gear
 from rattle.orbits.period_one import NAMES, PeriodOne
 

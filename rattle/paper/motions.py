@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors.table import KINDS, PERIODIC, QUIET, Attractor
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import KINDS, Attractor
 from rattle.continuation.conditions import Kind
 from rattle.curves import codimension_two, trace
 from rattle.impacting.attractors.classifier import attractors_of
@@ -215,8 +216,8 @@ def region_one() -> Finding:
     inside = rattle.regions(delta, epsilon) == 1
     delta, epsilon = delta[inside], epsilon[inside]
     found = attractors_of(delta, epsilon, count=64)
-    other = found.kind != QUIET
-    two = other & (found.kind == PERIODIC) & (found.n_plus == 2) & (found.n_minus == 0) & (found.m == 1)
+    other = found.kind != Outcome.QUIET
+    two = other & (found.kind == Outcome.PERIODIC) & (found.n_plus == 2) & (found.n_minus == 0) & (found.m == 1)
     which = np.unique(found.cell[two])
     here, there = Gear(1.0, 0.23), Gear(DELTA, 0.12)
     seen, also = here.attractors(count=1024), there.attractors(count=1024)

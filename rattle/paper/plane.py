@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors.table import CHAOTIC
+from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.period_one import PeriodOne
@@ -150,7 +150,7 @@ def figure_9(end: float) -> tuple[Statement, ...]:
             "robust chaos: a chaotic attractor without periodic windows from G1 on",
             f"at {epsilon.size} ε all of 256 trajectories have a first exponent above "
             f"{math.floor(10 * weakest) / 10}, {lost} settle",
-            lost == 0 and weakest > 0.1 and not (below == CHAOTIC).any(),
+            lost == 0 and weakest > 0.1 and not (below == Outcome.CHAOTIC).any(),
         ),
         Statement(
             "5.2, Fig. 9",

@@ -20,7 +20,7 @@ from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrapped
 from rattle.impacting.gear import Gear
-from rattle.models import AnyGear, model_of
+from rattle.models import AnyGear, Capability, model_of
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import NAMES, Orbit
 from rattle.plot.colours import Palette, name_of, order
@@ -140,17 +140,17 @@ def panels(
     epsilon: Sequence[float],
     beta: float = BETA,
     resolution: int = RESOLUTION,
-    kappa: float | None = None,
     tau: Range = None,
     v: Range = None,
+    **added: float | None,
 ) -> Drawing:
     """Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
 
-    resolution: cells a side. kappa: stiffness of the walls, None for the impacting model, which alone has Γ. tau, v:
-    ranges (low, high), by default the plane of `Gear.basins`. Raises ParameterError.
+    resolution: cells a side. tau, v: ranges (low, high), by default the plane of `Gear.basins`. added: what a model
+    adds, by name; by default it is the impacting model. Raises ParameterError.
     """
     require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
-    model = model_of(beta, kappa)
+    model = model_of(beta, **added)
     gears = [model.gear(delta, each) for each in epsilon]
     columns = next(n for n in (1, 2, 3) if n * n >= len(gears))
     rows = -(-len(gears) // columns)
@@ -163,12 +163,12 @@ def panels(
         basins = gear.basins(resolution, v_max, "direct", tau=tau, v=v)
         found += basins.attractors
         draw_basins(axes, basins, palette)
-        if model.has_gamma:
+        if Capability.GAMMA in model.has:
             draw_gamma(axes, gear, 0.7, basins.v_max)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
         _few_ticks(axes, basins.box, first=i % columns == 0, last=i >= len(gears) - columns)
     figure.suptitle(f"damping δ = {gears[0].delta:g}, {model}", fontsize=10)
-    _legend(figure, found, palette, [_white_line(1.2)] if kappa is None else [], 5)
+    _legend(figure, found, palette, [_white_line(1.2)] if Capability.GAMMA in model.has else [], 5)
     return Drawing(figure)
 
 

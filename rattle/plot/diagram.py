@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from rattle.attractors.table import KINDS, Attractors
+from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram
 from rattle.continuation.followed import Followed
@@ -113,7 +113,7 @@ def branch_figure(branch: Any) -> Figure:
         (found,),
         tuple(event for event in found.events if event.admissible),
         Points._make([np.empty(0)] * len(Points._fields)),
-        Attractors._make([np.empty(0)] * len(Attractors._fields)),
+        AttractorTable.empty(),
         (),
         (),
     )

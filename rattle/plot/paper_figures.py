@@ -4,12 +4,13 @@ A figure takes δ and ε each as one number, as some numbers, or as a range (low
 numbers are given one by one, and a range is LOW:HIGH.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, NamedTuple
 
-from rattle.errors import require, require_number, require_pair
+from rattle.errors import require, require_number, require_one_of, require_pair
+from rattle.models import ADDED
 from rattle.plot import basins, diagram, plane, stiff
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.drawing import Drawing
@@ -91,7 +92,7 @@ class Request:
     delta: Any
     epsilon: Any
     beta: float
-    kappa: float | None = None
+    added: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -106,9 +107,8 @@ class Request:
     def draw(self) -> Drawing:
         """Compute and draw. Raises RattleError."""
         figure = FIGURES[self.number]
-        if self.kappa is None or figure.stiff is None:
-            return figure.draw(self.delta, self.epsilon, self.beta)
-        return figure.stiff(self.delta, self.epsilon, self.beta, self.kappa)
+        drawn_by: Callable[..., Drawing] = figure.draw if not self.added or figure.stiff is None else figure.stiff
+        return drawn_by(self.delta, self.epsilon, self.beta, **self.added)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def request(
     delta: Given | None = None,
     epsilon: Given | None = None,
     beta: float = ranges.BETA,
-    kappa: float | None = None,
+    **added: float | None,
 ) -> Request:
     """Figure `number` with other δ, ε or β than the paper's, or of the stiff gear. Raises ParameterError, before
     anything is computed.
@@ -140,13 +140,17 @@ def request(
     require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
     figure = FIGURES[number]
     have = ", ".join(str(each) for each in sorted(FIGURES) if FIGURES[each].stiff is not None)
-    require(kappa is None or figure.stiff is not None, f"only Figures {have} take a stiffness kappa, not {number}")
+    given = {name: value for name, value in added.items() if value is not None}
+    for name in given:
+        require_one_of("a parameter", name, ADDED)
+        words = f"a {ADDED[name].label} {name}"
+        require(figure.stiff is not None, f"only Figures {have} take {words}, not {number}")
     return Request(
         number,
         figure.delta if delta is None else _checked(number, "delta", figure.delta_takes, delta, positive=True),
         figure.epsilon if epsilon is None else _checked(number, "epsilon", figure.epsilon_takes, epsilon),
         require_number("beta", beta, positive=True),
-        None if kappa is None else require_number("kappa", kappa, positive=True),
+        {name: require_number(name, value, positive=True) for name, value in given.items()},
     )
 
 

@@ -5,13 +5,15 @@ from rattle.populations.distributions import Distribution, distribution_of
 from rattle.populations.gears import VERDICTS, Gears, computed
 from rattle.populations.limit import SAFE_IF_SMALL
 from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
-from rattle.populations.tolerances import Tolerances, is_machine
+from rattle.populations.tolerances import DIMENSIONLESS, OF_MACHINE, Tolerances, is_machine, model_of_numbers
 
 __all__ = [
+    "DIMENSIONLESS",
     "JUDGED",
     "MOST_COUNT",
     "MOST_GEARS",
     "MOST_SHARE",
+    "OF_MACHINE",
     "PAIRS",
     "SAFE_IF_SMALL",
     "VERDICTS",
@@ -23,4 +25,5 @@ __all__ = [
     "distribution_of",
     "is_machine",
     "means",
+    "model_of_numbers",
 ]

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.classify import PERIODS, WATCH, Classifier
-from rattle.attractors.speeds import NATURAL, sampled_speeds
-from rattle.attractors.table import UNDECIDED, Attractors, tabulated
+from rattle.attractors.classify import PERIODS, WATCH
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import NATURAL, SampleSpec
+from rattle.attractors.table import AttractorTable, tabulated
 from rattle.impacting.attractors.boundary_distance import boundary_distances
-from rattle.impacting.attractors.classifier import ImpactingClassifier
-from rattle.impacting.attractors.stretch import stretch
-from rattle.intensity.table import Stretch, intensities_of, one_by_one
+from rattle.intensity.table import Stretch, intensities_of
+from rattle.models import MODELS
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.populations.distributions import LEAST, Distribution
 from rattle.populations.plan import Z_LOOKS, Plan
@@ -50,7 +50,8 @@ def computed(plan: Plan, start: int, stop: int) -> Gears:
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)
     energy = np.empty((rows.size, plan.count))
-    for here in blocks(points.delta, plan.count):
+    at = points.parameters
+    for here in blocks(at.delta, plan.count):
         seeds = part[here]
         for each in np.unique(seeds):
             of = np.arange(here.start, here.stop)[seeds == each]
@@ -58,7 +59,7 @@ def computed(plan: Plan, start: int, stop: int) -> Gears:
     verdict = np.full(rows.size, NOT_ASKED)
     asked = plan.asked(rows)
     verdict[asked] = judged(plan, points.some(asked))
-    return Gears(part, values, points.delta, points.epsilon, points.beta, energy, verdict)
+    return Gears(part, values, at.delta, at.epsilon, at.beta, energy, verdict)
 
 
 def blocks(delta: Array, count: int) -> list[slice]:
@@ -73,29 +74,26 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
     tau, v = states(plan, points, count, seed)
     table, row, cells, how = followed(points, tau, v, plan.budget)
     energy = intensities_of(table, cells, how).energy
-    return np.sort(np.where(table.kind == UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
+    return np.sort(np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
 
 
-def followed(points: Points, tau: Array, v: Array, budget: int) -> tuple[Attractors, NDArray[np.int64], Any, Stretch]:
+def followed(
+    points: Points, tau: Array, v: Array, budget: int
+) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
     """The attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities ask."""
-    d, e, b, k, _ = points
-    if k is None:
-        found: Classifier = ImpactingClassifier.classify((d, e, b), tau, v, budget)
-        return *tabulated(found), found.cells, stretch
-    from rattle.stiff.attractors.classifier import StiffClassifier  # loads the stiff gear: only for who asks
-
-    found = StiffClassifier.classify((d, e, b, k), tau, v, budget)
-    return *tabulated(found), found.cells, one_by_one
+    model = MODELS[points.parameters.model]
+    found = model.classified(points.parameters, tau, v, budget)
+    return *tabulated(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
     """The states (n, count) from which the gears begin: those of `Gear.attractors`, or what shocks make of rest."""
-    d, e, b = points[:3]
+    at = points.parameters
     if plan.shock is None:
-        return initial_conditions(d, e, b, count, sampled_speeds(NATURAL, d, e, b), seed)
-    first, second = initial_conditions(d, e, b, count, 1.0, seed)
+        return SampleSpec(count, NATURAL, seed).states(at)
+    first, second = initial_conditions(at.delta, at.epsilon, at.beta, count, 1.0, seed)
     speed = of_shares(plan.shock.speed, second)
-    unit = 1.0 if points.units is None else np.broadcast_to(points.units.velocity, d.shape)[:, None]
+    unit = 1.0 if points.units is None else np.broadcast_to(points.units.velocity, at.shape)[:, None]
     return of_shares(plan.shock.phase, first) % 1.0, np.ascontiguousarray(speed / unit)
 
 
@@ -112,18 +110,18 @@ def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
     """
     if plan.margin is not None:
         least = plan.margin if points.units is None else plan.margin / points.units.velocity
-        found = np.full(points.delta.size, np.nan)
+        at = points.parameters
+        found = np.full(at.size, np.nan)
         for start in range(0, found.size, TOGETHER):
             few = slice(start, start + TOGETHER)
-            d, e, b = (x[few] for x in points[:3])
-            found[few] = boundary_distances(d, e, b, NATURAL).v
+            found[few] = boundary_distances(at.delta[few], at.epsilon[few], at.beta[few], NATURAL).v
         return np.where(np.isnan(found), UNKNOWN, np.where(found > least, PASSES, FAILS))
-    verdict = np.full(points.delta.size, UNKNOWN)
+    verdict = np.full(points.parameters.size, UNKNOWN)
     quiet, rattling, before = np.zeros(verdict.size), np.zeros(verdict.size), 0
     for look, after in enumerate(plan.looks):
         open_ = np.flatnonzero(verdict == UNKNOWN)
         here = points.some(open_)
-        for rows in blocks(here.delta, after - before):
+        for rows in blocks(here.parameters.delta, after - before):
             seed = plan.seed + (look + 1 << 64)  # of no part
             found = energies(plan, here.some(rows), after - before, seed)
             quiet[open_[rows]] += (found == 0.0).sum(axis=1)

@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.attractors.classify import BUDGET
-from rattle.attractors.speeds import NATURAL, sampled_speeds
-from rattle.attractors.table import LARGEST_BUDGET, QUIET, UNDECIDED
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import LARGEST_BUDGET, NATURAL, sampled_speeds
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import least_damping
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.machine import Machine
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
+from rattle.models import MODELS, Capability
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.populations.gears import followed
 from rattle.populations.plan import LARGEST_SEED, MOST_SHARE
@@ -57,12 +58,12 @@ def design_limit(
     """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one:
     the largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
 
-    given: its other numbers by name, delta, epsilon, beta and kappa or those of a `Machine` with rpm; what a drawing
-    says of the number itself is passed over. The probability
-    is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED values are looked
-    at from the safe side on, by default to where nothing is quiet; between two of them the limit is solved for, and the
-    interval is where the share is not told from what is asked. A window of rattling narrower than a step of that scan
-    can be missed: `between` makes it finer. Raises ParameterError.
+    given: its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what
+    a drawing says of the number itself is passed over. The probability is that of states of [0, 1) × (0, natural
+    speed), the same `count` for every value. First SCANNED values are looked at from the safe side on, by default to
+    where nothing is quiet; between two of them the limit is solved for, and the interval is where the share is not told
+    from what is asked. A window of rattling narrower than a step of that scan can be missed: `between` makes it finer.
+    Raises ParameterError.
     """
     solver = _Solver(given, of, share, between, count, seed, budget)
     return solver.solved()
@@ -132,16 +133,16 @@ class _Solver:
         if of in ("epsilon", "eccentricity"):
             points = points_of({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
-            return 0.0, min(float(np.ravel(quiet_limit(points.delta))[0] * unit), self._widest())
+            return 0.0, min(float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._widest())
         if of in ("beta", "backlash"):
             points = points_of({**given, of: 1.0})
             unit = 1.0 if points.units is None else 2.0 * points.units.length
-            least = float(np.ravel(points.delta)[0]) * unit / SPAN
+            least = float(np.ravel(points.parameters.delta)[0]) * unit / SPAN
             return least, min(least * SPAN * SPAN, self._widest())
         points = points_of({**given, of: 1.0})
-        epsilon = float(np.ravel(points.epsilon)[0])
+        epsilon = float(np.ravel(points.parameters.epsilon)[0])
         require(epsilon > 0.0, "without an eccentricity everything is quiet: give one")
-        end = float(np.ravel(points.delta)[0]) / least_damping(epsilon)
+        end = float(np.ravel(points.parameters.delta)[0]) / least_damping(epsilon)
         if of == "rpm":
             return end / SPAN, min(end, IMPOSSIBLE / (given["radius"] * RPM))
         return 1.0 / end, SPAN / end
@@ -159,14 +160,15 @@ class _Solver:
     def ended(self, value: float, count: int) -> tuple[int, int]:
         """Of so many samples those that end quietly, and those that may: undecided, if there is a quiet motion."""
         points = points_of({**self.given, self.of: np.array([value])})
-        if points.kappa is None and not np.all(points.epsilon < quiet_limit(points.delta)):
+        at = points.parameters
+        if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
             return 0, 0
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
-        speeds = sampled_speeds(NATURAL, points.delta, points.epsilon, points.beta)
+        speeds = sampled_speeds(NATURAL, at.delta, at.epsilon, at.beta)
         table, row, _cells, _how = followed(points, tau, v * speeds[:, None], self.budget)
         kind = table.kind[row]
-        return int((kind == QUIET).sum()), int((kind == UNDECIDED).sum())
+        return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
         """By how much the share of quiet runs is more than what is asked, as it is found and at both ends of its
@@ -221,8 +223,3 @@ class _Solver:
             else:
                 outside = middle
         return inside, outside
-
-
-def least_damping(epsilon: float) -> float:
-    """δ at which ε is the quiet limit: the contact force vanishes at one phase."""
-    return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf

@@ -11,7 +11,7 @@ from rattle.errors import require
 from rattle.numerics.tables import read_columns
 from rattle.populations.distributions import Measured
 from rattle.populations.normal import ndtri
-from rattle.populations.tolerances import OF_MACHINE, PLAIN
+from rattle.populations.tolerances import DIMENSIONLESS, OF_MACHINE
 
 LEAST = 3  # gears
 
@@ -22,7 +22,7 @@ def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float6
 
     Raises ParameterError, and RattleError if the file cannot be read.
     """
-    names = *PLAIN, *OF_MACHINE
+    names = *DIMENSIONLESS, *OF_MACHINE
     found = read_columns(path, names)
     columns = {name: found[name] for name in names if name in found}
     gears = len(next(iter(columns.values())))

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import BUDGET
-from rattle.attractors.table import LARGEST_BUDGET
+from rattle.attractors.speeds import LARGEST_BUDGET
 from rattle.errors import require, require_integer, require_number
+from rattle.models import Capability, require_capability
 from rattle.populations.distributions import Distribution, Uniform, distribution_of
 from rattle.populations.tolerances import Tolerances
 
@@ -85,8 +86,7 @@ class Plan:
             require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
         if self.margin is not None:
             require_number("margin", self.margin, positive=True)
-            rigid = not {"kappa", "stiffness"} & self.tolerances.given.keys()
-            require(rigid, "the margin is that of teeth that do not give way: leave the stiffness out, or the margin")
+            require_capability(Capability.MARGIN, self.tolerances.model)
 
     @cached_property
     def sharing(self) -> int:

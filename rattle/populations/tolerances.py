@@ -10,45 +10,42 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, did_you_mean, parameters, require, require_number
+from rattle.errors import ParameterError, did_you_mean, require, require_number
 from rattle.machine import Machine, Units, conversion
 from rattle.machine.given import RPM
+from rattle.models import ADDED, OTHERS, Model, model_adding
+from rattle.parameters import BETA, Parameters
 from rattle.populations.copula import Copula, correlation_of, shares
 from rattle.populations.distributions import Distribution, Normal, distribution_of
 
-PLAIN = ("delta", "epsilon", "beta", "kappa")
-OF_MACHINE = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm", "stiffness")
-OPTIONAL = {"beta": 0.6, "kappa": None, "stiffness": None}
+DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
+#: Of a machine: what makes a parameter that a model adds, by the name of that.
+MAKING = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
+OF_MACHINE = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm", *MAKING.values())
+OPTIONAL = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *MAKING.values()))}
 MAY_BE_ZERO = ("epsilon", "eccentricity")
 
 Array = NDArray[np.float64]
 
 
 class Points(NamedTuple):
-    """Gears as points of the model, arrays (n,): kappa None for walls that do not give way, units None without a
-    machine.
-    """
+    """Gears as points of the model (n,), units None without a machine."""
 
-    delta: Array
-    epsilon: Array
-    beta: Array
-    kappa: Array | None
+    parameters: Parameters
     units: Units | None
 
     def some(self, which: Any) -> Points:
         """Those of an index or a mask."""
-        kappa = None if self.kappa is None else self.kappa[which]
-        units = (
-            None if self.units is None else Units(*(np.broadcast_to(x, self.delta.shape)[which] for x in self.units))
-        )
-        return Points(self.delta[which], self.epsilon[which], self.beta[which], kappa, units)
+        shape = self.parameters.shape
+        units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
+        return Points(self.parameters.take(which), units)
 
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
     """The numbers of a gear, each one number or a distribution (or its text, see `distribution_of`), by name.
 
-    Dimensionless: delta, epsilon, beta (0.6), kappa (walls that give way). Or of a `Machine`: inertia, drag, backlash,
+    Dimensionless: delta, epsilon, beta (0.6), and what a model adds. Or of a `Machine`: inertia, drag, backlash,
     eccentricity, radius, rpm, stiffness, and drive. correlation: a matrix of the normal numbers that the ranks of
     those that vary stand for, in the order in which they are listed here. Raises ParameterError.
     """
@@ -59,7 +56,7 @@ class Tolerances:
     def __post_init__(self) -> None:
         given = {name: value for name, value in self.given.items() if value is not None}
         require_known(given)
-        read = {name: _read(name, given[name]) for name in (*PLAIN, *OF_MACHINE, "drive") if name in given}
+        read = {name: _read(name, given[name]) for name in (*DIMENSIONLESS, *OF_MACHINE, "drive") if name in given}
         object.__setattr__(self, "given", read)
         require(bool(self.names), "nothing varies: give a distribution for one of the numbers at least")
         matrix = correlation_of(self.correlation, self.names)
@@ -99,6 +96,11 @@ class Tolerances:
         """Those that vary, in the order of the correlation matrix."""
         return tuple(name for name, value in self.given.items() if isinstance(value, Distribution))
 
+    @property
+    def model(self) -> type[Model]:
+        """The model that its gears are of."""
+        return model_of_numbers(self.given)
+
     @cached_property
     def copula(self) -> Copula:
         """How they vary together."""
@@ -120,16 +122,25 @@ def points_of(given: Mapping[str, Any]) -> Points:
     """
     numbers = {**OPTIONAL, **given}
     if not is_machine(given):
-        delta, epsilon, beta, kappa = (numbers[name] for name in PLAIN)
-        return _points(delta, epsilon, beta, kappa, None)
-    inertia, drag, backlash, eccentricity, radius, rpm, stiffness = (numbers[name] for name in OF_MACHINE)
-    speed, drive = rpm * RPM, given.get("drive", "torque")
-    return _points(
-        conversion.damping(inertia, drag, speed),
-        conversion.over_radius(eccentricity, radius, drive),
-        conversion.half_backlash(backlash, radius, drive),
-        None if stiffness is None else conversion.wall_stiffness(stiffness, inertia, radius, speed, drive),
-        conversion.units(inertia, radius, speed, drive),
+        return _points({name: numbers[name] for name in DIMENSIONLESS}, None)
+    inertia, radius, drive = numbers["inertia"], numbers["radius"], given.get("drive", "torque")
+    speed = numbers["rpm"] * RPM
+    found = {
+        "delta": conversion.damping(inertia, numbers["drag"], speed),
+        "epsilon": conversion.over_radius(numbers["eccentricity"], radius, drive),
+        "beta": conversion.half_backlash(numbers["backlash"], radius, drive),
+    }
+    for name, number in MAKING.items():
+        make = ADDED[name].of_machine
+        if make is not None and numbers[number] is not None:
+            found[name] = make(numbers[number], inertia, radius, speed, conversion.DRIVES[drive])
+    return _points(found, conversion.units(inertia, radius, speed, drive))
+
+
+def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
+    """Return the model of a gear with these numbers, dimensionless or a machine's."""
+    return model_adding(
+        name for name in ADDED if given.get(name) is not None or given.get(MAKING.get(name, "")) is not None
     )
 
 
@@ -142,27 +153,29 @@ def require_known(given: Mapping[str, Any]) -> None:
     """Raise ParameterError unless these are all numbers of a gear, of one kind."""
     require("speed" not in given, "give the mean speed as rpm, in revolutions per minute")
     for name in given:
-        known = *PLAIN, *OF_MACHINE, "drive"
+        known = *DIMENSIONLESS, *OF_MACHINE, "drive"
         require(
             name in known,
-            f"a gear has no {name}: it has {', '.join(PLAIN)}, or {', '.join(known[len(PLAIN) :])}"
+            f"a gear has no {name}: it has {', '.join(DIMENSIONLESS)}, or {', '.join(known[len(DIMENSIONLESS) :])}"
             f"{did_you_mean(name, known)}",
         )
-    both = [[name for name in given if name in names] for names in (PLAIN, (*OF_MACHINE, "drive"))]
+    both = [[name for name in given if name in names] for names in (DIMENSIONLESS, (*OF_MACHINE, "drive"))]
     if all(both):
         raise ParameterError(
             f"{' and '.join(both[0])} and a machine's {' and '.join(both[1])} say it twice: give one of both"
         )
-    lacking = [name for name in (OF_MACHINE if both[1] else PLAIN) if name not in given and name not in OPTIONAL]
+    lacking = [
+        name for name in (OF_MACHINE if both[1] else DIMENSIONLESS) if name not in given and name not in OPTIONAL
+    ]
     require(not lacking, f"{' and '.join(lacking)} must be given too")
     drive = given.get("drive", "torque")
     require(drive in conversion.DRIVES, f"drive must be torque or speed, got {drive!r}")
 
 
-def _points(delta: Any, epsilon: Any, beta: Any, kappa: Any, units: Units | None) -> Points:
-    others = {} if kappa is None else {"kappa": kappa}
-    d, e, b, *rest = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **others))
-    return Points(d, e, b, rest[0] if rest else None, units)
+def _points(numbers: Mapping[str, Any], units: Units | None) -> Points:
+    given = {name: value for name, value in numbers.items() if value is not None}
+    model = model_adding(name for name in given if name in ADDED)
+    return Points(Parameters.of(model.name, **given).take(...), units)
 
 
 def _read(name: str, value: Any) -> Distribution | float | str:

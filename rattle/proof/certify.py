@@ -6,7 +6,6 @@ from rattle.errors import ParameterError, require
 from rattle.orbits.periodic import Periodic
 from rattle.proof.certificate import Certificate, Exact, exact
 
-NAMES = ("delta", "epsilon", "beta", "kappa")
 SAME = 1e-14  # relative difference that rounding may leave
 
 
@@ -15,7 +14,7 @@ def certify(
     delta: Exact | None = None,
     epsilon: Exact | None = None,
     beta: Exact | None = None,
-    kappa: Exact | None = None,
+    **added: Exact | None,
 ) -> Certificate:
     """Prove that a computed periodic motion exists, alone near by, with its label, and enclose its multipliers.
 
@@ -29,7 +28,8 @@ def certify(
         len(orbit.times) == len(orbit.speeds) == events > 0, "the motion must have a time and a speed for each wall"
     )
     parameters = {}
-    for name, given in zip(NAMES, (delta, epsilon, beta, kappa), strict=True):
+    asked = {"delta": delta, "epsilon": epsilon, "beta": beta, **dict.fromkeys(orbit.added), **added}
+    for name, given in asked.items():
         has = getattr(orbit, name, None)
         if has is None:
             require(given is None, f"this gear has no {name}: leave it out")

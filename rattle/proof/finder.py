@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from rattle._version import __version__
 from rattle.errors import NotProvedError
 from rattle.orbits.periodic import Periodic
+from rattle.proof import impacting, stiff
 from rattle.proof.balls import BITS, VERSIONS, arb, around, ball, ends, exactly, nearest, precision
 from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import Plane
-from rattle.proof.impacting import Impacting
 from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
-from rattle.proof.stiff import Stiff, Walls
 
 ROOM = 10**4  # times the width of a ball that a published enclosure is wider: others round in other ways
 FINEST = Fraction(1, 10**12)  # unit of a published enclosure, of numbers of order 1
@@ -55,7 +54,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
         trace, determinant = motion.trace, (-ball(parameters["delta"]) * orbit.m).exp()
         require_same(orbit, speeds, trace)
         return Certificate(
-            model="stiff" if "kappa" in parameters else "impacting",
+            model=stiff.MODEL if stiff.ADDED in parameters else impacting.MODEL,
             parameters=parameters,
             m=int(orbit.m),
             walls=tuple(int(wall) for wall in orbit.walls),
@@ -76,10 +75,10 @@ def motions_of(
 ) -> tuple[Callable[[Sequence[arb]], Motion], NDArray[np.float64]]:
     """The motions of a computed one's itinerary by their times, and its own."""
     plane = Plane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
-    if "kappa" not in parameters:
-        return Impacting(plane, orbit.walls, orbit.m), orbit.departures
+    if stiff.ADDED not in parameters:
+        return impacting.Impacting(plane, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
-    return Stiff(Walls(plane, ball(parameters["kappa"])), orbit.walls, orbit.m), times.ravel()
+    return stiff.Stiff(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
 
 
 def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import Flight, Plane, flight, require_first
 
+MODEL = "impacting"  # its name in certificates
+
 
 @dataclass(frozen=True)
 class Impacts:

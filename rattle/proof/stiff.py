@@ -14,6 +14,7 @@ from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
 from rattle.proof.flights import Flight, Plane, flight, require_first
 
+MODEL, ADDED = "stiff", "kappa"  # its name in certificates, and what it has beside the plane
 MOST_PARTS = 2000  # of a contact, in the proof that it lasts
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rattle.attractors.reached import states_of
 from rattle.errors import require_integer, require_number
-from rattle.models import AnyGear, Columns
-from rattle.resilience.gears import columns_of, model_on
+from rattle.models import MODELS, AnyGear
+from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
 MOST_IMPACTS = 100_000_000
@@ -43,27 +43,27 @@ def accumulated(
     A sample that comes to rest has no impacts from there on. Raises ParameterError.
     """
     phases, speeds, _shape = states_of(tau, v)
-    return accumulated_at(columns_of(gear, phases.size), phases, speeds, accumulator, periods, impacts)
+    return accumulated_at(gear.parameters.repeat(phases.size), phases, speeds, accumulator, periods, impacts)
 
 
 def accumulated_at(
-    columns: Columns, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
+    parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
     """The same of samples (n,) that each have their own parameters."""
     periods = require_number("periods", periods, positive=True)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
-    model = model_on(columns)
+    model = MODELS[parameters.model]
     accumulator.begin(tau, v)
     which, time = np.arange(tau.size), np.zeros(tau.size)
     for _ in range(impacts):
         if not which.size:
             break
-        moved = model.returned(columns, tau, v)
+        moved = model.returned(parameters, tau, v)
         time = time + moved.time
         going = moved.goes & (time <= periods)
         ended = accumulator.add(which[going], moved.tau[going], moved.v[going], time[going])
         if ended is not None:
             going[np.flatnonzero(going)[ended]] = False
         which, tau, v, time = which[going], moved.tau[going], moved.v[going], time[going]
-        columns = tuple(x[going] for x in columns)
+        parameters = parameters.take(going)
     return accumulator.values()

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError
 from rattle.flight.law import wrapped
-from rattle.models import AnyGear
-from rattle.resilience.gears import SAME_POINT, gear_at, unit_of
+from rattle.models import AnyGear, gear_at
+from rattle.parameters import Parameters
+from rattle.resilience.gears import SAME_POINT, unit_of
 
 Array = NDArray[np.float64]
 SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
@@ -45,13 +46,13 @@ class End:
     orbit: Orbit | None = None
 
 
-def between(start: Array, end: Array, share: float) -> AnyGear:
-    """The gear at a share of the way between two rows of parameters."""
-    return gear_at(end if share == 1.0 else start + share * (end - start))
+def between(start: Parameters, end: Parameters, share: float) -> AnyGear:
+    """Return the gear at a share of the way between two points."""
+    return gear_at(start.towards(end, share))
 
 
-def end_of(start: Array, end: Array, orbit: Orbit) -> End:
-    """Follow an orbit from one row of parameters towards another, as long as it happens and attracts, by steps that
+def end_of(start: Parameters, end: Parameters, orbit: Orbit) -> End:
+    """Follow an orbit from one point towards another, as long as it happens and attracts, by steps that
     halve where they fail.
 
     Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and stops a little before: the place is
@@ -118,7 +119,9 @@ def _was_doubled(gear: AnyGear, at: Orbit) -> bool:
     return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * AT_ONE)
 
 
-def _cause(start: Array, end: Array, last: Any, at: Orbit, trail: list[tuple[float, Any]]) -> tuple[str, float]:
+def _cause(
+    start: Parameters, end: Parameters, last: Any, at: Orbit, trail: list[tuple[float, Any]]
+) -> tuple[str, float]:
     """Why an orbit ends soon, and how soon it will."""
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:

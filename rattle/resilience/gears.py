@@ -1,17 +1,19 @@
-"""Parameters of either gear as columns, (δ, ε, β) and of the stiff one κ, and gears at them."""
+"""The sample of one gear, and the points of a path of parameters."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.reached import states_of
-from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import MOST_SAMPLES, Attractor
-from rattle.errors import parameters, real_array, require, require_integer
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
+from rattle.attractors.table import Attractor
+from rattle.errors import real_array, require, require_integer
 from rattle.flight.law import speed_unit, wrapped
-from rattle.models import AnyGear, AnyModel, Columns, model_at, model_of
-from rattle.numerics.sampling import initial_conditions
+from rattle.models import DEFAULT_MODEL, MODELS, AnyGear, Model, model_of
+from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
 States = tuple[ArrayLike, ArrayLike] | None
@@ -19,34 +21,13 @@ MOST_STEPS = 100_000
 SAME_POINT = 1e-6  # of the attractor that two calls find, speeds in their unit
 
 
-def columns_of(gear: AnyGear, n: int) -> Columns:
-    """The parameters of a gear, n times."""
-    model = model_at(gear)
-    stiffness = () if model.stiffness is None else (model.stiffness,)
-    return tuple(np.full(n, x) for x in (gear.delta, gear.epsilon, gear.beta, *stiffness))
-
-
-def model_on(columns: Columns) -> AnyModel:
-    """Which gear these are the parameters of: its model at the first of them."""
-    return model_of(float(columns[2][0]), None if len(columns) == 3 else float(columns[3][0]))
-
-
-def gear_at(row: Array) -> AnyGear:
-    """The gear at one row of parameters (3,) or (4,)."""
-    delta, epsilon, beta, *kappa = (float(x) for x in row)
-    return model_of(beta, *kappa).gear(delta, epsilon)
-
-
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
     """The sample (count,) of `attractors` of a gear, or own states (τ, v), flat. Raises ParameterError."""
     if states is not None:
         tau, v, _shape = states_of(*states)
         return tau, v
-    count = require_integer("count", count, 1, MOST_SAMPLES)
-    seed = require_integer("seed", seed, 0, (1 << 128) - 1)
-    delta, epsilon, beta, *_ = columns_of(gear, 1)
-    tau, v = initial_conditions(delta, epsilon, beta, count, sampled_speeds(v_max, delta, epsilon, beta), seed)
-    return tau[0], v[0]
+    phases, speeds = SampleSpec(count, v_max, seed).states(gear.parameters)
+    return phases[0], speeds[0]
 
 
 def unit_of(gear: AnyGear) -> float:
@@ -62,19 +43,25 @@ def same(one: Attractor, other: Attractor, unit: float) -> bool:
     return one.kind != "periodic" or bool(near)
 
 
-def path_of(path: ArrayLike, beta: float, kappa: float | None, steps: int | None) -> Array:
-    """The points (n, 3) or (n, 4) of a path of parameters, whose own (k, 2 to 4) begin with δ and ε.
+def path_of(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
+    """Return the points (n,) of a path of parameters, whose own (k, 2), (k, 3) or more begin with δ, ε, β.
 
     steps: n is one more than so many, even along the path with each parameter in units of its range; by default the
-    path's own points. Raises ParameterError.
+    path's own points. added: what the model has besides, where the path has none. Raises ParameterError.
     """
     given = real_array("path", path)
-    right = given.ndim == 2 and 2 <= given.shape[1] <= 4 and len(given) >= 2
-    require(right, f"path must be points (k, 2) of δ and ε, (k, 3) with β or (k, 4) with κ, got shape {given.shape}")
-    more = [np.full(len(given), x) for x in (beta, kappa) if x is not None][given.shape[1] - 2 :]
-    points = np.column_stack([given, *more])
-    named = dict(zip(("delta", "epsilon", "beta", "kappa"), points.T, strict=False))
-    points = np.column_stack(parameters(**named))
+    others = {name: x for name, x in added.items() if x is not None}
+    model = type(model_of(beta, **others)) if others or given.ndim != 2 else _adding(given.shape[1] - 3)
+    names = ("delta", "epsilon", *(each.name for each in model.parameters()))
+    right = given.ndim == 2 and 2 <= given.shape[1] <= len(names) and len(given) >= 2
+    require(
+        right,
+        "path must be points (k, 2) of δ and ε, (k, 3) with β, or more with what the model adds, got shape "
+        f"{given.shape}",
+    )
+    named = {name: np.full(len(given), x) for name, x in {"beta": beta, **others}.items()}
+    at = Parameters.of(model.name, **named | dict(zip(names, given.T, strict=False)))
+    points = np.column_stack([at.named[name] for name in names])
     size = np.ptp(points, axis=0)
     scaled = points / np.where(size > 0.0, size, 1.0)
     length = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
@@ -82,7 +69,13 @@ def path_of(path: ArrayLike, beta: float, kappa: float | None, steps: int | None
     if steps is not None:
         n = require_integer("steps", steps, 1, MOST_STEPS) + 1
         along = np.append(0.0, np.cumsum(length))
-        at = np.linspace(0.0, along[-1], n)
-        points = np.column_stack([np.interp(at, along, x) for x in points.T])
+        position = np.linspace(0.0, along[-1], n)
+        points = np.column_stack([np.interp(position, along, x) for x in points.T])
     require(len(points) <= MOST_STEPS + 1, f"a path of {len(points)} points is too long: at most {MOST_STEPS + 1}")
-    return np.asarray(points, np.float64)
+    delta, epsilon, beta_, *rest = (np.ascontiguousarray(x) for x in points.T)
+    return Parameters(model.name, delta, epsilon, beta_, dict(zip(names[3:], rest, strict=True)))
+
+
+def _adding(more: int) -> type[Model]:
+    """Return the model that adds so many parameters, whose values a path has itself: the first of these."""
+    return next((model for model in MODELS.values() if len(model.added) == max(more, 0)), MODELS[DEFAULT_MODEL])

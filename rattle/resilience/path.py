@@ -11,15 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.reached import states_of
-from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import CHAOTIC, KINDS, MOST_SAMPLES, PERIODIC, QUIET, Attractor, Attractors, tabulated
-from rattle.errors import require, require_integer
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
+from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulated
+from rattle.errors import require
 from rattle.flight.law import wrapped
-from rattle.models import AnyGear, Columns, model_at
-from rattle.numerics.sampling import initial_conditions, wilson_interval
+from rattle.models import MODELS, AnyGear, gear_at, model_at
+from rattle.numerics.sampling import wilson_interval
+from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulated_at
 from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, End, Orbit, end_of
-from rattle.resilience.gears import States, gear_at, model_on, path_of, unit_of
+from rattle.resilience.gears import States, path_of, unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
@@ -51,15 +53,16 @@ class Change(NamedTuple):
 class GlobalContinuation:
     """The attractors of the steps of a path, joined from step to step.
 
-    parameters (n, 3 or 4): δ, ε, β and κ. count: samples of a step. attractors: of all steps, whose numbers are their
-    cells, with orbits that samples of a step missed and its neighbours know, of samples 0. family (rows,): 0 quiet, −1
-    undecided; entered (rows,): whether only a neighbour knew it. changes: in their order along the path. quantities:
-    what was gathered of each sample, (n, count). which (n, count): the row of the attractor that a sample goes to.
+    parameters (n, 3 or more): δ, ε, β and what the model adds. count: samples of a step. attractors: of all steps,
+    whose numbers are their cells, with orbits that samples of a step missed and its neighbours know, of samples 0.
+    family (rows,): 0 quiet, −1 undecided; entered (rows,): whether only a neighbour knew it. changes: in their order
+    along the path. quantities: what was gathered of each sample, (n, count). which (n, count): the row of the attractor
+    that a sample goes to.
     """
 
     parameters: Array
     count: int
-    attractors: Attractors
+    attractors: AttractorTable
     entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     which: NDArray[np.int64]
@@ -74,8 +77,7 @@ class GlobalContinuation:
     def label(self, number: int) -> tuple[str, int, int, int]:
         """Kind, m, n₊ and n₋ of a family."""
         row = self._rows(number)[0]
-        kind, m, plus, minus = (int(column[row]) for column in self.attractors[1:5])
-        return KINDS[kind], m, plus, minus
+        return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
         """The share of the samples that a family wins at each step (n,); NaN where it is not."""
@@ -117,55 +119,51 @@ def global_continuation(
     count: int = 256,
     steps: int | None = None,
     beta: float = 0.6,
-    kappa: float | None = None,
     v_max: SpeedLimit = None,
     seed: int = 0,
     causes: bool = True,
     quantities: Mapping[str, Make] = NOTHING,
     periods: float = PERIODS,
     states: States = None,
+    **added: float | None,
 ) -> GlobalContinuation:
-    """The attractors along a path of (δ, ε), of (δ, ε, β) or of (δ, ε, β, κ), points (k, 2 to 4).
+    """The attractors along a path of (δ, ε), of (δ, ε, β) or of these with what a model adds, points (k, 2 or more).
 
     Each stable orbit is itself continued to the next steps, so that these have what their samples missed; chaotic
     attractors are one where they visit the same states (docs/families.md). Of each family that begins or ends the cause
     is told, unless causes is False: its orbit is followed from step to step.
 
-    steps: so many even ones along the path; by default its own points are the steps. beta, kappa: where the path has
-    none; with a stiffness it is the stiff gear. count, v_max, seed: the sample of each step, as in `Gear.attractors`.
-    states: own ones (τ, v) of every step instead. quantities: what else to gather of each sample, by name, over so many
-    forcing periods (`Accumulator`). Raises ParameterError.
+    steps: so many even ones along the path; by default its own points are the steps. beta, and what a model adds by its
+    name, such as the stiffness of the stiff gear: where the path has none. count, v_max, seed: the sample of each step,
+    as in `Gear.attractors`. states: own ones (τ, v) of every step instead. quantities: what else to gather of each
+    sample, by name, over so many forcing periods (`Accumulator`). Raises ParameterError.
     """
-    points = path_of(path, beta, kappa, steps)
-    columns: Columns = tuple(np.ascontiguousarray(x) for x in points.T)
+    points = path_of(path, beta, added, steps)
     given = None if states is None else states_of(*states)
-    count = require_integer("count", count, 1, MOST_SAMPLES) if given is None else given[0].size
-    seed = require_integer("seed", seed, 0, (1 << 128) - 1)
-    require(len(points) * count <= 64 * MOST_SAMPLES, f"{len(points)} steps of {count} samples are too many at once")
-    delta, epsilon, half, *_ = columns
-    if given is None:
-        tau, v = initial_conditions(delta, epsilon, half, count, sampled_speeds(v_max, delta, epsilon, half), seed)
-    else:
-        tau, v = (np.tile(x, (len(points), 1)) for x in given[:2])
-    model = model_on(columns)
-    table, row = tabulated(model.classified(columns, tau.copy(), v.copy()), missed=True)
-    attractors, entered, family = model.joined_rows(columns, table)
+    sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
+    count = sample.count
+    require(points.size * count <= 64 * MOST_SAMPLES, f"{points.size} steps of {count} samples are too many at once")
+    tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
+    model = MODELS[points.model]
+    table, row = tabulated(model.classified(points, tau.copy(), v.copy()), missed=True)
+    attractors, entered, family = model.joined_rows(points, table)
     which = np.flatnonzero(~entered)[row].reshape(-1, count)
-    every = tuple(np.repeat(x, count) for x in columns)
+    every = points.repeat(count)
     gathered = {
         name: accumulated_at(every, tau.ravel(), v.ravel(), make(), periods).reshape(-1, count)
         for name, make in quantities.items()
     }
     found = _Changes(points, attractors, family).all() if causes else ()
-    return GlobalContinuation(points, count, attractors, entered, family, which, tuple(found), gathered)
+    rows = np.stack(list(points.named.values()), axis=1)
+    return GlobalContinuation(rows, count, attractors, entered, family, which, tuple(found), gathered)
 
 
 class _Changes:
     """Which families begin and end along a path, and why."""
 
-    def __init__(self, points: Array, attractors: Attractors, family: NDArray[np.int64]) -> None:
+    def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
-        n = len(points)
+        n = points.size
         self.here = [{int(family[i]): int(i) for i in reversed(self._at(step))} for step in range(n)]
 
     def _at(self, step: int) -> NDArray[np.int64]:
@@ -175,14 +173,14 @@ class _Changes:
         """All of them, along the path; those of chaos, which may follow from others, are told last."""
         found = [
             (family, step, begins)
-            for step in range(len(self.points) - 1)
+            for step in range(self.points.size - 1)
             for begins in (False, True)
             for family in sorted(self.here[step + begins].keys() - self.here[step + 1 - begins].keys())
         ]
         told: dict[tuple[int, int, bool], Change] = {}
         for chaotic in (False, True):
             for each in found:
-                if (self.rows.kind[self._row(*each)] == CHAOTIC) == chaotic:
+                if (self.rows.kind[self._row(*each)] == Outcome.CHAOTIC) == chaotic:
                     told[each] = self._told(*each, told)
         return sorted(told.values(), key=lambda change: (change.step, change.low, change.family))
 
@@ -191,16 +189,15 @@ class _Changes:
 
     def _told(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
-        kind, gears = self.rows.kind[row], (gear_at(self.points[where]), gear_at(self.points[away]))
+        kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = End(UNKNOWN, 0.0, 1.0)
-        if kind == QUIET:
+        if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
             return self._change(family, step, begins, End(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
         other = self._goes_to(row, away, *gears)
-        if kind == PERIODIC:
-            label = tuple(int(column[row]) for column in self.rows[2:5])
-            orbit = Orbit((label[0], label[1], label[2]), float(self.rows.tau[row]), float(self.rows.v[row]))
-            end = end_of(self.points[where], self.points[away], orbit)
+        if kind == Outcome.PERIODIC:
+            orbit = Orbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
+            end = end_of(self.points.take([where]), self.points.take([away]), orbit)
             if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
                 end, other = End(CONTINUES, 0.0, 1.0), goes_on
         elif other in self.here[where]:
@@ -222,21 +219,21 @@ class _Changes:
         chaotic and there is none.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
-        if self.rows.kind[row] == CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
+        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
             return -1  # what is on its way to rest there makes impacts without end
-        many = CHAOTIC_STATES if self.rows.kind[row] == CHAOTIC else 1
+        many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
         for family, other in self.here[step].items():
             if self._is(goes, other, unit_of(there)):
                 return family
-        return CHAOS_THERE if goes.kind == KINDS[CHAOTIC] else -1
+        return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
         """The family at a step that an orbit belongs to, −1 if it is not listed there."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
-            if tuple(int(column[row]) for column in self.rows[2:5]) == orbit.label:
+            if self.rows.label(row) == orbit.label:
                 far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
                 far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / unit_of(gear))
                 if far.min() < SAME_POINT:
@@ -244,8 +241,8 @@ class _Changes:
         return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
-        kind, m, plus, minus = (int(column[row]) for column in self.rows[1:5])
-        if (KINDS[kind], m, plus, minus) != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
+        label = KINDS[self.rows.kind[row]], *self.rows.label(row)
+        if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False
         far = abs(wrapped(goes.tau - self.rows.tau[row])), abs(goes.v - self.rows.v[row]) / unit
-        return kind != PERIODIC or max(far) < SAME_POINT
+        return bool(self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import require
-from rattle.models import AnyGear, model_at
+from rattle.flight.forcing import phase_of_entry
+from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, sample_of, unit_of
 
@@ -46,8 +47,7 @@ class Tipping:
 def lift_off(gear: AnyGear) -> tuple[float, float]:
     """A departure of a motion at rest on Σ⁺: where the contact force vanishes, or would first, hardly faster than 0."""
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
-    phase = (np.arctan2(gear.delta, 2 * np.pi) - np.arccos(most)) / (2 * np.pi)
-    return float(phase), SLOW * unit_of(gear)
+    return phase_of_entry(gear.delta, most), SLOW * unit_of(gear)
 
 
 def tipping(
@@ -63,7 +63,7 @@ def tipping(
     The sample is that of `before.attractors`, or own states (τ, v). Both gears must be of one kind. Raises
     ParameterError.
     """
-    require(model_at(before).name == model_at(after).name, "both gears must be of one model")
+    require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
     on = [lift_off(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]

@@ -12,6 +12,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE, begin_session, find_key, hash_of
+from gear_rattle.service.web.prefix import public_path
 
 LOGIN, LOGOUT = "/login", "/logout"
 FORM = "application/x-www-form-urlencoded"
@@ -34,17 +35,17 @@ input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5
 
 def login_url(path: str, query: str) -> str:
     """Where somebody without a key is sent, to come back to this path and query."""
-    return LOGIN + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
+    return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 
 def _next(request: Request) -> str:
     """The view that was asked for; never a page of another site."""
     wanted = request.query_params.get("next", "")
-    return wanted if wanted.startswith("/?") and wanted.isprintable() else "/"
+    return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
 
 
 def _form(request: Request, problem: str = "", status: int = 200) -> Response:
-    action = LOGIN + (f"?{request.url.query}" if request.url.query else "")
+    action = public_path(LOGIN) + (f"?{request.url.query}" if request.url.query else "")
     alert = f'<p role="alert">{escape(problem)}</p>' if problem else ""
     headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
     return HTMLResponse(PAGE.format(problem=alert, action=escape(action)), status, headers)
@@ -69,7 +70,8 @@ async def login(request: Request) -> Response:
         return _form(request, "This API key is unknown or was revoked.", 401)
     session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
     response = RedirectResponse(_next(request), 303)
-    response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+    here = public_path("/")  # beside other programs of this host, which shall not get it
+    response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path=here)
     _forget(request, response, OLD_COOKIE)
     return response
 
@@ -78,7 +80,7 @@ async def logout(request: Request) -> Response:
     """End the session of this browser, and of no other."""
     if session := request.cookies.get(COOKIE):
         await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))
-    response = RedirectResponse(LOGIN, 303)
+    response = RedirectResponse(public_path(LOGIN), 303)
     _forget(request, response, COOKIE)
     _forget(request, response, OLD_COOKIE)
     return response
@@ -86,7 +88,8 @@ async def logout(request: Request) -> Response:
 
 def _forget(request: Request, response: Response, cookie: str) -> None:
     if cookie in request.cookies:
-        response.delete_cookie(cookie, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+        path = "/" if cookie == OLD_COOKIE else public_path("/")
+        response.delete_cookie(cookie, httponly=True, samesite="strict", secure=_is_https(request), path=path)
 
 
 def _is_https(request: Request) -> bool:

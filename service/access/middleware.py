@@ -22,6 +22,7 @@ from gear_rattle.service.database.tables import Scope as KeyScope
 from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.web import problems
+from gear_rattle.service.web.prefix import route_path
 from rattle import RattleError
 
 #: Scripts and styles of /docs and /redoc.
@@ -115,7 +116,7 @@ class AccessMiddleware:
             if scope["type"] == "websocket":
                 log.warning("a websocket was refused: %s", error)
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
-            elif isinstance(error, UnauthorizedError) and self._is_page(scope["path"]) and method in SAFE_METHODS:
+            elif isinstance(error, UnauthorizedError) and self._is_page(route_path(scope)) and method in SAFE_METHODS:
                 there = login_url(EXPLORER, scope["query_string"].decode("ascii", "replace"))
                 await RedirectResponse(there, 303)(scope, receive, _with_headers(send))
             else:
@@ -135,10 +136,10 @@ class AccessMiddleware:
         try:
             caller = await run_in_threadpool(self._caller_by_key, scope, headers)
         except UnauthorizedError:
-            if scope["path"] in (OPEN if method in SAFE_METHODS else LOGIN_PATHS):
+            if route_path(scope) in (OPEN if method in SAFE_METHODS else LOGIN_PATHS):
                 return None
             raise
-        may_read = method in SAFE_METHODS or scope["path"] in LOGIN_PATHS
+        may_read = method in SAFE_METHODS or route_path(scope) in LOGIN_PATHS
         wanted = KeyScope.READ if may_read else KeyScope.SUBMIT
         if not caller.may(wanted):
             raise ForbiddenError(

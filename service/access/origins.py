@@ -81,20 +81,29 @@ def require_same_origin(headers: Headers) -> None:
         raise ForbiddenError(f"{said} {_host_advice(origin, headers)}" if site is None and origin else said)
 
 
-def require_root(headers: Headers) -> None:
-    """Refuse to make a page that would not work where its browser has it, and log why.
+def require_root(headers: Headers, root: str) -> None:
+    """Refuse to make a page that would not work where its browser has it, and log what to set.
+
+    Args:
+        headers: of the request for the page; its script says its address.
+        root: path of the page, as this service knows it.
 
     Raises:
-        ForbiddenError: a proxy has it below a path, or names another host here than the browser does.
+        ForbiddenError: a proxy has it below another path than this service believes, or names another host here than
+            the browser does, which would have its websocket refused.
     """
     host, slash, path = headers.get("rattle-address", "").partition("/")
     why = ""
-    if slash + path not in ("", "/"):
-        why = (
-            f"This page is at {slash + path!r}, and works at the root of a host only: set the proxy before the service "
-            "to pass on a host name or a port of its own, from / to /."
+    there = slash + path
+    if there not in ("", root):
+        prefix = there.rstrip("/")
+        why = f"The browser has this page at {there!r}, and the service believes that it is at {root!r}. " + (
+            f"Start the service with --root-path {prefix} (RATTLE_ROOT_PATH={prefix}), or set the proxy before it to "
+            f"send X-Forwarded-Prefix: {prefix}, which counts with RATTLE_BEHIND_PROXY=true."
+            if prefix
+            else "Start the service without --root-path and RATTLE_ROOT_PATH, or open it below its path."
         )
-    elif host and host.lower() != headers.get("host", "").lower() and "sec-fetch-site" not in headers:
+    elif host and host.lower() != headers.get("host", "").lower():
         why = _host_advice(host, headers)
     if why:
         log.warning("the explorer cannot be opened: %s", why)

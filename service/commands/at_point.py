@@ -24,11 +24,7 @@ class Point(NamedTuple):
     @property
     def words(self) -> str:
         """Its parameters."""
-        from rattle.models import model_at
-
-        gear, kappa = self.gear, model_at(self.gear).stiffness
-        stiffness = "" if kappa is None else f", kappa = {kappa}"
-        return f"delta = {gear.delta}, epsilon = {gear.epsilon}, beta = {gear.beta}{stiffness}"
+        return ", ".join(f"{name} = {value}" for name, value in self.gear.parameters.point().items())
 
 
 def _argument(name: str) -> Any:
@@ -70,7 +66,8 @@ def point_of(given: dict[str, Any], timed: bool) -> Point:
     from rattle.models import model_of
 
     rpm = given.get("rpm")
-    gear = model_of(plain.get("beta", 0.6), plain.get("kappa")).gear(plain["delta"], plain["epsilon"])
+    delta, epsilon = plain.pop("delta"), plain.pop("epsilon")
+    gear = model_of(**plain).gear(delta, epsilon)
     return Point(gear, None, None if rpm is None else require_number("rpm", rpm, positive=True))
 
 

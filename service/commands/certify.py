@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ import typer
 from gear_rattle.service.commands import certify_bifurcations as bifurcations
 from gear_rattle.service.commands.certify_areas import prove_areas
 from gear_rattle.service.commands.filling import INTERRUPTED, started
-from gear_rattle.service.commands.options import Scheduler, Slice
+from gear_rattle.service.commands.options import NO_NUMBERS, Scheduler, Slice, with_added
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
@@ -24,6 +25,7 @@ COLUMNS = 320  # of the plane of Figure 7, with which its regions are proved on 
 SUFFIX = ".certificates.zarr"
 
 
+@partial(with_added, kind=str, text="{}, for --point.")
 def certify(
     store: Annotated[str | None, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")] = None,
     out: Annotated[
@@ -46,9 +48,6 @@ def certify(
     columns: Annotated[int, typer.Option(min=1, help="Columns of damping, for --areas.")] = COLUMNS,
     figure: Annotated[Path | None, typer.Option(metavar="PATH", help="Draw what --areas proved.")] = None,
     beta: Annotated[str, typer.Option(help="Half-backlash, for --point and --areas.")] = "0.6",
-    kappa: Annotated[
-        str | None, typer.Option(help="Stiffness, for --point.", show_default="none: the impacting model")
-    ] = None,
     slice_: Slice = None,
     curves: Annotated[bool, typer.Option("--curves", help="Prove the points of the curves of STORE instead.")] = False,
     codimension_two: Annotated[
@@ -59,6 +58,7 @@ def certify(
         Path | None,
         typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
     ] = None,
+    numbers: Mapping[str, str] = NO_NUMBERS,
 ) -> None:
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
@@ -73,7 +73,7 @@ def certify(
         )
     if curves and store is None:
         raise typer.BadParameter("--curves are those of a STORE")
-    if chaos and (point is None or kappa is not None):
+    if chaos and (point is None or numbers):
         raise typer.BadParameter("--chaos is of the impacting gear at one --point DELTA EPSILON")
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
@@ -82,7 +82,7 @@ def certify(
     elif point is not None and chaos:
         _write(_chaos(*point, beta))
     elif point is not None:
-        _prove_point(*point, beta, kappa)
+        _prove_point(*point, beta, numbers)
     elif codimension_two:
         _write(bifurcations.codimension_two(beta))
     elif store is not None and curves:
@@ -154,14 +154,14 @@ def _theorem(line: str) -> object:
         return None
 
 
-def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None:
+def _prove_point(delta: str, epsilon: str, beta: str, added: Mapping[str, str]) -> None:
     import rattle
     from rattle.models import model_of
     from rattle.proof.certificate import exact
 
-    given = {"delta": delta, "epsilon": epsilon, "beta": beta, **({} if kappa is None else {"kappa": kappa})}
+    given = {"delta": delta, "epsilon": epsilon, "beta": beta, **added}
     numbers = {name: float(exact(name, text)) for name, text in given.items()}
-    gear = model_of(numbers["beta"], numbers.get("kappa")).gear(numbers["delta"], numbers["epsilon"])
+    gear = model_of(**{name: numbers[name] for name in ("beta", *added)}).gear(numbers["delta"], numbers["epsilon"])
     starts = [(orbit.tau, orbit.v, orbit.n_plus) for orbit in gear.orbits()]
     starts += [(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.m > 1 or each.n_plus > 1]
     refused = not starts
@@ -189,7 +189,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
         survey = slice_of(whole, slice_number)
         number = len(claims_of(survey))
         here = processes == 1 and scheduler is None
-        cluster = nullcontext() if here else started(None, scheduler, processes, stop.is_set)
+        cluster = nullcontext() if here else started({}, scheduler, processes, stop.is_set)
         try:
             with cluster as client, reporter(number, what="motions") as progress:
 

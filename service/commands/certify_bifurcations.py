@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import typer
-
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -25,12 +23,12 @@ def points_of_curves(store: str, slice_number: int | None) -> Iterator[Bifurcati
     import rattle
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
+    from rattle.models import Capability, require_capability
     from rattle.proof.bifurcations.prove import certify_curve_point
 
     with open_results(store) as whole:
         model = surveyed_model(slice_of(whole, slice_number))
-    if model.stiffness is not None:
-        raise typer.BadParameter("points of curves are proved of the impacting gear: this survey is of the stiff one")
+    require_capability(Capability.BIFURCATION_PROOFS, model)
     for name in rattle.curves.CURVES:
         with open_results(store, group=group_in(slice_number, f"curves/{name}")) as curve:
             for delta, epsilon, *motion in _columns(curve):

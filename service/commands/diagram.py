@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from gear_rattle.service.commands.options import Beta
+from gear_rattle.service.commands.options import NO_NUMBERS, Beta, with_added
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 MEANINGS = {"SN": "saddle-node", "PD": "flip", "GR": "graze"}
 
 
+@partial(with_added, kind=float)
 def diagram(
     delta: Annotated[
         str, typer.Option(metavar="VALUE|LOW:HIGH", help="Damping: a number, or a range.", show_default=False)
@@ -21,15 +24,12 @@ def diagram(
         str, typer.Option(metavar="VALUE|LOW:HIGH", help="Eccentricity: a number, or a range.", show_default=False)
     ],
     beta: Beta = 0.6,
-    kappa: Annotated[
-        float | None,
-        typer.Option(help="Stiffness of the walls: the stiff model.", show_default="none: the impacting model"),
-    ] = None,
     steps: Annotated[int, typer.Option(min=1, help="Steps in which attractors are followed, either way.")] = 400,
     count: Annotated[int, typer.Option(min=1, help="Initial conditions at each step.")] = 64,
     picture: Annotated[
         Path | None, typer.Option("--figure", metavar="FILE", help="Draw it: .png, .pdf or .svg.")
     ] = None,
+    numbers: Mapping[str, float] = NO_NUMBERS,
 ) -> None:
     """Print every bifurcation along a line of the plane: of which motion, on which named curve, and where.
 
@@ -39,9 +39,9 @@ def diagram(
     from rich.console import Console
     from rich.table import Table
 
-    import rattle
     from gear_rattle.service.commands.drawing import require_writable, write
     from gear_rattle.service.commands.progress import compiling_told
+    from rattle.models import model_of
 
     lows, highs = zip(_ends("--delta", delta), _ends("--epsilon", epsilon), strict=True)
     if lows == highs:
@@ -51,11 +51,7 @@ def diagram(
     if picture is not None:
         require_writable(picture)
     with compiling_told():
-        found: Any
-        if kappa is None:
-            found = rattle.diagram(lows, highs, beta, steps, count)
-        else:
-            found = rattle.stiff.diagram(lows, highs, beta, kappa, steps, count)
+        found = model_of(beta, **numbers).diagram(lows, highs, steps, count)
     console = Console(highlight=False, markup=False, width=WIDTH)
     table = Table("event", "named", "motion", "delta", "epsilon", box=None)
     for event, named, motion, at_delta, at_epsilon in found.to_dataframe()[

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import perf_counter
@@ -10,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.drawing import draw
-from gear_rattle.service.commands.options import Slice
+from gear_rattle.service.commands.options import NO_NUMBERS, Slice, with_added
 
 if TYPE_CHECKING:
     from rattle.plot import Request, StiffRequest
@@ -19,6 +21,7 @@ ALL, STIFF = "all", "stiff"
 SURVEY_PICTURE = "survey.png"
 
 
+@partial(with_added, kind=float, text="{}, for the stiff gear in Figures 5 and 9.")
 def figure(
     what: Annotated[
         list[str],
@@ -42,15 +45,12 @@ def figure(
         ),
     ] = None,
     beta: Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")] = None,
-    kappa: Annotated[
-        float | None,
-        typer.Option(help="Stiffness, for the stiff gear in Figures 5 and 9.", show_default="the impacting model"),
-    ] = None,
     format_: Annotated[
         list[str] | None,
         typer.Option("--format", metavar="pdf|svg|png", help="Repeatable: one file each.", show_default="pdf"),
     ] = None,
     slice_: Slice = None,
+    numbers: Mapping[str, float] = NO_NUMBERS,
 ) -> None:
     """Draw figures of the paper from computed data, or a survey.
 
@@ -65,7 +65,7 @@ def figure(
 
     Figures 7 and 8, bifurcation curves: --delta LOW:HIGH, --epsilon LOW:HIGH.
 
-    With --kappa, 5 and 9 are those of the gear with stiff contact. stiff shows
+    With a stiffness, 5 and 9 are those of the gear with stiff contact. stiff shows
     how that gear converges to the impacting one: one --delta, one --epsilon.
 
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation
@@ -74,12 +74,13 @@ def figure(
     number for a name is ./4, or ./stiff.
     """
     options = {
-        "--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta, "--kappa": kappa, "--format": format_
+        "--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta,
+        **{f"--{name}": value for name, value in numbers.items()}, "--format": format_,
     }  # fmt: skip
     if what[0] in (ALL, STIFF) or what[0].isdecimal():
         if slice_ is not None:
             raise typer.BadParameter("a figure of the paper has no slices", param_hint="--slice")
-        requests = _requests(what, delta or [], epsilon or [], beta, kappa)
+        requests = _requests(what, delta or [], epsilon or [], beta, numbers)
         _draw_figures(requests, out or Path(), format_ or ["pdf"])
         return
     for option, given in options.items():
@@ -93,7 +94,7 @@ def figure(
 
 
 def _requests(
-    what: list[str], delta: list[str], epsilon: list[str], beta: float | None, kappa: float | None
+    what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
     """The figures that are asked for, all checked before the first is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
@@ -103,11 +104,14 @@ def _requests(
         if each not in (ALL, STIFF) and not each.isdecimal():
             raise typer.BadParameter(f"{each!r} is no number of a figure", param_hint="NUMBER")
         numbers += sorted(FIGURES) if each == ALL else [] if each == STIFF else [int(each)]
-    if kappa is not None and STIFF in what:
-        raise typer.BadParameter("stiff shows all stiffnesses: --kappa is for Figures 5 and 9", param_hint="--kappa")
+    for name in added:
+        if STIFF in what:
+            raise typer.BadParameter(
+                f"stiff has its own numbers: --{name} is for Figures 5 and 9", param_hint=f"--{name}"
+            )
     values = parse("--delta", delta), parse("--epsilon", epsilon)
     beta = BETA if beta is None else beta
-    requests: list[Request | StiffRequest] = [request(each, *values, beta, kappa) for each in dict.fromkeys(numbers)]
+    requests: list[Request | StiffRequest] = [request(each, *values, beta, **added) for each in dict.fromkeys(numbers)]
     return [*requests, stiff_request(*values, beta)] if STIFF in what else requests
 
 

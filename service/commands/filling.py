@@ -47,9 +47,8 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and alone
-                cluster = (
-                    nullcontext() if here else started(request.stiffness, scheduler, workers or PROCESSES, stop.is_set)
-                )
+                processes = workers or PROCESSES
+                cluster = nullcontext() if here else started(request.added_numbers, scheduler, processes, stop.is_set)
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
                 if not stop.is_set():  # otherwise the stop is what ended the cluster
@@ -82,7 +81,7 @@ def _compile(request: AnyRequest, stop: threading.Event) -> None:
 
 
 def started(
-    stiffness: float | None, scheduler: str | None, workers: int, should_stop: Callable[[], bool]
+    numbers: dict[str, float], scheduler: str | None, workers: int, should_stop: Callable[[], bool]
 ) -> AbstractContextManager[Client]:
     """The cluster, and a word to whoever waits for it."""
     import rattle
@@ -92,7 +91,7 @@ def started(
         return connect(scheduler)
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
     # Kernels that are not there yet are compiled once for all: here too, where it is told.
-    threading.Thread(target=rattle.precompile, args=(stiffness,), name="kernels", daemon=True).start()
+    threading.Thread(target=rattle.precompile, kwargs=numbers, name="kernels", daemon=True).start()
     return embedded_cluster(workers, should_stop=should_stop)
 
 

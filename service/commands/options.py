@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from gear_rattle.service.declared import added
 
 if TYPE_CHECKING:
     from gear_rattle.service.settings import Settings
@@ -15,14 +18,16 @@ if TYPE_CHECKING:
 DEFAULT_URL = "http://127.0.0.1:8000"
 
 Command = Callable[..., None]
+NO_NUMBERS: Mapping[str, Any] = MappingProxyType({})
 MACHINE = "A machine, two equal gears, in SI units, instead of delta, epsilon and beta"
+NONE = "none: the impacting model"
 METRES = "m along the line of action"
-#: The numbers of a gear: what each is, and the default that is shown. Those after kappa are a machine's.
+#: The numbers of a gear: what each is, and the default that is shown. Those after what models add are a machine's.
 NUMBERS: dict[str, tuple[str, str | bool]] = {
     "delta": ("Damping.", False),
     "epsilon": ("Eccentricity.", False),
     "beta": ("Half-backlash.", "0.6"),
-    "kappa": ("Stiffness of the walls: the stiff model.", "none: the impacting model"),
+    **{each.name: (f"{each.described}: the {each.model} model.", NONE) for each in added().values()},
     "inertia": ("kg m², of each gear with what turns with it.", False),
     "drag": ("N m s/rad: the drag torque of each gear over its speed.", False),
     "backlash": (f"{METRES}.", False),
@@ -30,9 +35,13 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
     "radius": ("m, of the base circle.", False),
     "rpm": ("Revolutions per minute.", False),
     "drive": ("A constant torque on one gear, or its speed imposed.", "torque"),
-    "stiffness": ("N/m of the mesh along the line of action: the stiff model.", "teeth do not give way"),
+    **{
+        each.machine_number: (f"{each.machine_text}: the {each.model} model.", each.machine_absent)
+        for each in added().values()
+        if each.machine_number is not None
+    },
 }
-DIMENSIONLESS = ("delta", "epsilon", "beta", "kappa")
+DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
@@ -73,6 +82,44 @@ def with_options(
     return with_given
 
 
+def with_added(command: Command, kind: Any, text: str | None = None, after: str = "beta") -> Command:
+    """Give a command an option for each number that a model adds, behind one of its own; it takes those that are given
+    for its last argument, by name.
+
+    Args:
+        text: what the option is for, with `{}` where its name in words stands; by default as for a point.
+    """
+    own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
+    options = [
+        inspect.Parameter(
+            each.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[
+                kind | None,
+                typer.Option(
+                    help=NUMBERS[each.name][0] if text is None else text.format(each.label.capitalize()),
+                    show_default=NONE,
+                ),
+            ],
+        )
+        for each in added().values()
+    ]
+    place = 1 + [each.name for each in own].index(after)
+
+    @functools.wraps(command)
+    def with_given(**given: Any) -> None:
+        found = {each.name: given.pop(each.name) for each in options}
+        command(**given, numbers={name: value for name, value in found.items() if value is not None})
+
+    del with_given.__wrapped__  # whose annotations typer would take
+    taken = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
+    taken[place:place] = options
+    with_given.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
+    with_given.__annotations__ = {each.name: each.annotation for each in taken}
+    return with_given
+
+
 def with_numbers(command: Command) -> Command:
     """Give a command the numbers of a gear, each one number or a distribution; it takes those given, as text by name,
     for its first argument.
@@ -103,7 +150,11 @@ Workers = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(envvar="RATTLE_SCHEDULER", metavar="URL", help="An existing dask scheduler, such as tcp://host:8786."),
+    typer.Option(
+        envvar="RATTLE_SCHEDULER",
+        metavar="URL",
+        help="An existing dask scheduler, such as tcp://host:8786, or its scheduler file (….json).",
+    ),
 ]
 
 

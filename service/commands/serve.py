@@ -24,6 +24,10 @@ def serve(
     store: Annotated[
         str | None, typer.Option(metavar="URL", help="s3://BUCKET/PREFIX of the stores.", show_default="in DIR")
     ] = None,
+    root_path: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="Path below which a proxy has it, as /rattle.", show_default="none"),
+    ] = None,
     scheduler: Scheduler = None,
     workers: Annotated[int | None, typer.Option(help="Processes of the embedded cluster.", show_default="2")] = None,
     insecure: Annotated[
@@ -45,7 +49,14 @@ def serve(
     from gear_rattle.service.web.server import run
 
     settings = settings_of(
-        host=host, port=port, data=data, store=store, scheduler=scheduler, workers=workers, insecure=insecure or None
+        host=host,
+        port=port,
+        data=data,
+        store=store,
+        root_path=root_path,
+        scheduler=scheduler,
+        workers=workers,
+        insecure=insecure or None,
     )
     # A plain sentence now, instead of uvicorn's traceback later.
     with opened(settings) as (_, database):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gear_rattle.service.commands.options import MACHINE, NUMBERS, Budget, Command, Name, number_options, with_options
+from gear_rattle.service.declared import added
 
 if TYPE_CHECKING:
     from gear_rattle.workers import Axis, SurveyRequest
@@ -31,12 +32,15 @@ OPTIONS: dict[str, Any] = {
     "delta": _axis("delta"),
     "epsilon": _axis("epsilon"),
     "beta": _option(str, "Half-backlash: one, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"),
-    "kappa": _option(
-        str,
-        "Stiffness of the walls, one or a third axis: the stiff model.",
-        metavar=f"KAPPA|{AXIS}",
-        show_default=NUMBERS["kappa"][1],
-    ),
+    **{
+        name: _option(
+            str,
+            f"{each.described}, one{' or a third axis' if each.is_axis else ''}: the {each.model} model.",
+            metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
+            show_default=NUMBERS[name][1],
+        )
+        for name, each in added().items()
+    },
     "count": _option(int, "Initial conditions per cell."),
     "v_max": _option(
         str,
@@ -138,11 +142,12 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     try:
         fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
-        fields |= {name: _number_or_axis(f"--{name}", text) for name, text in taken("beta", "kappa").items()}
+        fields |= {name: _number_or_axis(f"--{name}", text) for name, text in taken("beta", *added()).items()}
         if "v_max" in sample:
             sample["v_max"] = read_speed(sample["v_max"])
-        if "kappa" in fields:
-            fields["model"] = "stiff"
+        for each in added().values():
+            if each.name in fields:
+                fields["model"] = each.model
         if "tile" in fields:
             fields["tile"] = _tile(fields["tile"])
         if quantities := fields.pop("quantity", None):

@@ -10,8 +10,7 @@ from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
-from rattle import RattleError
-from rattle.models import AnyModel
+from rattle.models import Capability, Model, require_capability
 
 RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
 KEPT = 16
@@ -33,10 +32,9 @@ class Crises:
         self._found: dict[float, asyncio.Task[np.ndarray]] = {}
         self._limiter = CapacityLimiter(1)
 
-    async def of(self, model: AnyModel) -> np.ndarray:
+    async def of(self, model: Model) -> np.ndarray:
         """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
-        if not model.has_crisis:
-            raise RattleError("The boundary crisis is followed in the impacting model only.")
+        require_capability(Capability.CRISIS, model)
         beta = model.beta
         if beta not in self._found:
             while len(self._found) >= KEPT:

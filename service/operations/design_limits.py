@@ -14,19 +14,19 @@ from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
-from rattle.models import AnyModel
+from rattle.models import Model
 
 VALUES = 17  # of δ, across a survey
 COUNT = 512
 KEPT = 16
 
-Key = tuple[AnyModel, Pair, float]
+Key = tuple[Model, Pair, float]
 Array = NDArray[np.float64]
 
 
-def limit_at(model: AnyModel, delta: float, share: float) -> Limit:
+def limit_at(model: Model, delta: float, share: float) -> Limit:
     """The limit at one damping; NaN where there is none."""
-    given = {"delta": delta, "beta": model.beta, "kappa": model.stiffness}
+    given = {"delta": delta, **model.numbers}
     fewest = math.ceil(4.0 * share / (1.0 - share))
     return design_limit(given, "epsilon", share, count=max(COUNT, fewest))
 
@@ -38,7 +38,7 @@ class DesignLimits:
         self._front = front
         self._known: dict[Key, dict[float, Limit]] = {}
 
-    async def along(self, model: AnyModel, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
+    async def along(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
         """Dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first. Raises RattleError
         where they cannot be computed.
         """
@@ -53,7 +53,7 @@ class DesignLimits:
                 yield _sorted(known)
         yield _sorted(known)
 
-    async def _find(self, model: AnyModel, delta: float, share: float) -> Limit:
+    async def _find(self, model: Model, delta: float, share: float) -> Limit:
         return await in_turn(
             self._front,
             limit_at,

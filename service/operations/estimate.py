@@ -106,11 +106,11 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Whether it is the same model, the stiff one with like stiffness; surveys from before there were two have none."""
-    ours, theirs = request.stiffness, other.stiffness
-    if ours is None or theirs is None:
-        return ours is theirs
-    return 1.0 / SIMILAR <= ours / theirs <= SIMILAR
+    """Whether it is the same model, with like numbers of those that it adds."""
+    ours, theirs = request.added_numbers, other.added_numbers
+    if ours.keys() != theirs.keys() or request.model != other.model:
+        return False
+    return all(1.0 / SIMILAR <= ours[name] / theirs[name] <= SIMILAR for name in ours)
 
 
 def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:

@@ -72,10 +72,11 @@ def _point(gear: AnyGear, machine: Machine | None) -> str:
             "import rattle\nfrom rattle.models import model_at\n\n"
             f"machine = rattle.Machine({numbers})\ngear = machine.gear\nmodel = model_at(gear)\ngear"
         )
-    stiffness = model_at(gear).stiffness
-    parameters = f"{gear.beta!r}" + (f", {stiffness!r}" if stiffness is not None else "")
+    model = model_at(gear)
+    parameters = ", ".join([repr(gear.beta), *(f"{each.name}={model.numbers[each.name]!r}" for each in model.added)])
+    names = ", ".join(each.long_name for each in model.parameters())
     return (
         "import rattle\nfrom rattle.models import model_of\n\n"
-        f"model = model_of({parameters})  # half-backlash β{', stiffness κ' if stiffness is not None else ''}\n"
+        f"model = model_of({parameters})  # {names}\n"
         f"gear = model.gear({gear.delta!r}, {gear.epsilon!r})\ngear"
     )

@@ -15,7 +15,7 @@ from gear_rattle.workers import SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
 from gear_rattle.workers.pictures.planes import numbers
 from rattle import RattleError
-from rattle.models import AnyModel
+from rattle.models import Model
 
 Line = np.ndarray
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -53,7 +53,7 @@ class Overlaid:
             found[LIMIT], band = await self._limit(request, asked.share)
         return Over(found, band, await self._finer(request, asked))
 
-    async def _crisis(self, model: AnyModel) -> Line | None:
+    async def _crisis(self, model: Model) -> Line | None:
         try:
             return await self.crises.of(model)
         except ServiceError:

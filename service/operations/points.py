@@ -11,13 +11,13 @@ import numpy as np
 from rattle import REGIONS, Attractor, Intensity, ParameterError, RattleError
 from rattle.attractors import SpeedLimit
 from rattle.curves import Curve
-from rattle.models import AnyGear, AnyModel, model_at
+from rattle.models import AnyGear, Model, model_at
 
 Pair = tuple[float, float]
 
 
 @lru_cache(maxsize=64)
-def curves_document(model: AnyModel, delta: Pair, epsilon: Pair) -> dict[str, Any]:
+def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
     """Curves and codimension-two points of the body of `GET /v1/curves`. Raises ParameterError."""
     with np.errstate(all="ignore"):  # extreme windows overflow on the way
         return {
@@ -36,7 +36,7 @@ def curves_document(model: AnyModel, delta: Pair, epsilon: Pair) -> dict[str, An
         }
 
 
-def _curve(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> dict[str, Any]:
+def _curve(name: str, model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
     head = {"name": name, "meaning": model.describe(name)}
     try:
         return head | _points(model.trace(name, delta, epsilon)) | {"missing": None}

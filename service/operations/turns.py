@@ -11,7 +11,6 @@ from anyio import BrokenWorkerProcess, to_process
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.kernels import Part
 from gear_rattle.service.state import Front
-from rattle.models import Model
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -21,7 +20,7 @@ async def in_turn(
     front: Front,
     compute: Callable[[*Arguments], Result],
     *arguments: *Arguments,
-    needs: tuple[Model, Part],
+    needs: tuple[str, Part],
     what: str,
     advice: str,
 ) -> Result:

@@ -9,6 +9,7 @@ from pydantic import BaseModel, Field
 
 from gear_rattle.service.database.tables import JobRow, Kind, State
 from gear_rattle.service.web import examples
+from gear_rattle.service.web.prefix import public_path
 
 
 class Links(BaseModel):
@@ -78,7 +79,7 @@ SurveyId = Annotated[
 
 def path_of(survey_id: str, kind: Kind = Kind.SURVEY) -> str:
     """Path of a survey or a population, the parent of everything that belongs to it."""
-    return f"/v1/{'surveys' if kind == Kind.SURVEY else 'populations'}/{survey_id}"
+    return public_path(f"/v1/{'surveys' if kind == Kind.SURVEY else 'populations'}/{survey_id}")
 
 
 def request_shown(job: JobRow) -> dict[str, Any]:

@@ -10,16 +10,23 @@ from pydantic import BaseModel, Field
 from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import number
 from gear_rattle.service.operations.turns import in_turn
-from gear_rattle.service.routes.model.machine import DRAG, DRIVE, ECCENTRICITY, INERTIA, LINE, STIFFNESS, positive
+from gear_rattle.service.routes.model.added import with_queries
+from gear_rattle.service.routes.model.machine import (
+    ADDED_QUERIES,
+    DRAG,
+    DRIVE,
+    ECCENTRICITY,
+    INERTIA,
+    LINE,
+    positive,
+)
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
-from gear_rattle.workers.survey.request import MOST_STIFF
 from rattle import Limit, ParameterError, design_limit, design_limits
 from rattle.attractors import BUDGET
-from rattle.models import Model
-from rattle.populations import MOST_SHARE
+from rattle.populations import MOST_SHARE, model_of_numbers
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -45,14 +52,11 @@ class Limits(BaseModel):
     limits: list[LimitDocument]
 
 
+@with_queries(ADDED_QUERIES)
 async def numbers_of_query(
     delta: Annotated[float | None, positive("damping", 0.6)] = None,
     epsilon: Annotated[float | None, positive("eccentricity", zero=True)] = None,
     beta: Annotated[float | None, positive("half-backlash, by default 0.6")] = None,
-    kappa: Annotated[
-        float | None,
-        Query(gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else impacting"),
-    ] = None,
     inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
     drag: Annotated[float | None, positive(DRAG)] = None,
     backlash: Annotated[float | None, positive(LINE)] = None,
@@ -60,10 +64,12 @@ async def numbers_of_query(
     radius: Annotated[float | None, positive("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
-    stiffness: Annotated[float | None, positive(STIFFNESS)] = None,
+    **more: float | None,
 ) -> dict[str, Any]:
     """The numbers of the query that are given."""
-    return {name: value for name, value in locals().items() if value is not None}
+    numbers = {**locals(), **more}
+    del numbers["more"]
+    return {name: value for name, value in numbers.items() if value is not None}
 
 
 @router.get(
@@ -101,7 +107,7 @@ async def limits(
         front,
         found_limits,
         *(given, of, share, over, values, between, count, seed, budget),
-        needs=(Model.IMPACTING if not {"kappa", "stiffness"} & given.keys() else Model.STIFF, Part.ATTRACTORS),
+        needs=(model_of_numbers(given).name, Part.ATTRACTORS),
         what="The limits",
         advice="Ask for fewer initial conditions (count), fewer values, or use the command rattle limit.",
     )

@@ -15,6 +15,8 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Mount, Route, Router
 from starlette.staticfiles import StaticFiles
 
+from gear_rattle.service.web.prefix import public_path
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -30,7 +32,7 @@ PAGE = """<!doctype html>
 body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 1rem auto 4rem; padding: 0 1rem }}
 pre, table {{ overflow-x: auto; display: block }} pre {{ padding: .6rem; border: 1px solid #8888 }}
 img {{ max-width: 100% }} td, th {{ border: 1px solid #8888; padding: .2rem .5rem; text-align: left }}
-</style></head><body><nav><a href="/help/">Help</a> · <a href="/docs">REST API</a></nav>
+</style></head><body><nav><a href="{root}/help/">Help</a> · <a href="{root}/docs">REST API</a></nav>
 <main>{body}</main></body></html>"""
 
 
@@ -62,4 +64,4 @@ def page_of(document: Path) -> str:
     text = TOCTREE.sub(linked, document.read_text(encoding="utf-8"))
     title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")
     markdown = MarkdownIt("commonmark").enable("table").use(front_matter_plugin).use(anchors_plugin, max_level=4)
-    return PAGE.format(title=escape(title), body=markdown.render(text))
+    return PAGE.format(title=escape(title), root=public_path(""), body=markdown.render(text))

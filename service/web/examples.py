@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from rattle.models import ADDED, DEFAULT_MODEL, OTHERS
+
+NOTHING_ADDED: dict[str, Any] = dict.fromkeys(ADDED)
+MACHINE_NUMBERS = [each.machine_number for each in ADDED.values() if each.machine_number is not None]
 SURVEY_ID = "4f1c0d9a7be25836"
 HERE = f"/v1/surveys/{SURVEY_ID}"
 
@@ -54,8 +58,8 @@ SURVEY: dict[str, Any] = {
 DETAIL: dict[str, Any] = SURVEY | {
     "request": REQUEST
     | {
-        "model": "impacting",
-        "kappa": None,
+        "model": DEFAULT_MODEL,
+        **NOTHING_ADDED,
         "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"],
         "initial_conditions": REQUEST["initial_conditions"]
         | {"budget": 1_000_000, "tau_min": 0.0, "tau_max": 1.0, "v_min": 0.0},
@@ -102,7 +106,7 @@ POPULATION: dict[str, Any] = {
 POPULATION_DETAIL: dict[str, Any] = POPULATION | {
     "request": POPULATION_REQUEST
     | {
-        "gear": dict.fromkeys(("delta", "epsilon", "beta", "kappa", "stiffness", "drive"))
+        "gear": dict.fromkeys(("delta", "epsilon", *OTHERS, *MACHINE_NUMBERS, "drive"))
         | POPULATION_REQUEST["gear"]
         | {"eccentricity": POPULATION_REQUEST["gear"]["eccentricity"] | {"high": None}},
         "share": None,
@@ -129,7 +133,7 @@ ORBITS: dict[str, Any] = {
     "delta": 0.6,
     "epsilon": 0.1,
     "beta": 0.6,
-    "kappa": None,
+    **NOTHING_ADDED,
     "region": 4,
     "region_name": "IV",
     "sn1": 0.05964305819304494,
@@ -160,7 +164,7 @@ ATTRACTORS: dict[str, Any] = {
     "delta": 0.6,
     "epsilon": 0.1,
     "beta": 0.6,
-    "kappa": None,
+    **NOTHING_ADDED,
     "count": 16,
     "v_max": 7.0,
     "seed": 0,
@@ -182,7 +186,7 @@ ATTRACTORS: dict[str, Any] = {
 }
 CURVES: dict[str, Any] = {
     "beta": 0.6,
-    "kappa": None,
+    **NOTHING_ADDED,
     "window": {"delta": [0.7, 0.8], "epsilon": [0.0, 1.0]},
     "curves": [
         {
@@ -260,7 +264,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
     """To what is computed at one point, whose coordinates are where `parts` say, or lie open in the answer."""
-    return _links({name: parts.get(name, name) for name in ("delta", "epsilon", "beta", "kappa")}, *names)
+    return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 
 #: From the first answer about a survey to all that belongs to it: its parts, its first cell, its window.
@@ -269,13 +273,13 @@ SURVEY_LINKS = {
     **_point_links(
         *("orbits", "attractors", "basins"),
         **{name: f"request/{name}/start" for name in ("delta", "epsilon")},
-        **{name: f"request/{name}" for name in ("beta", "kappa")},
+        **{name: f"request/{name}" for name in OTHERS},
     ),
     **_links(
         {
             **{"delta_min": "request/delta/start", "delta_max": "request/delta/stop"},
             **{"epsilon_min": "request/epsilon/start", "epsilon_max": "request/epsilon/stop"},
-            **{name: f"request/{name}" for name in ("beta", "kappa")},
+            **{name: f"request/{name}" for name in OTHERS},
         },
         "curves",
     ),

@@ -59,7 +59,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
 ADVICE = {
     400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
     401: "Send an API key in the header Authorization: Bearer KEY. `rattle key add` makes one where the service runs.",
-    404: "Nothing is here. /docs lists the paths of this service, all at the root of its host: no proxy may add one.",
+    404: "Nothing is here. /docs lists the paths of this service. Below a path of a proxy it needs RATTLE_ROOT_PATH.",
     405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
     408: "The request did not arrive whole in time. Send it at once, or closer to the service.",
     413: "The request body is too large for this service. A survey is described by its axes, not by its cells.",

@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, urljoin, urlsplit
 
 import httpx
 import numpy as np
@@ -219,7 +219,7 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
         assert asked.items() >= {"index": ["1"], "delta_min": ["0.5"], "low": ["0.1"], "caption": ["true"]}.items()
         # Half a minute of a processor is what the finer cells of the whole window take.
         few = link if DEEP else re.sub(r"(pixels_\w+)=\d+", r"\1=90", link or "")
-        assert httpx.get(f"{service}{few}", timeout=HANG).content.startswith(begin)
+        assert httpx.get(urljoin(page.url, few or ""), timeout=HANG).content.startswith(begin)
     page.get_by_role("button", name="Light theme").click()
     wait_for(page, "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'")
 

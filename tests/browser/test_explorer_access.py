@@ -137,16 +137,12 @@ def test_a_page_whose_connection_ends_before_it_is_here_is_opened_anew_but_not_f
         assert page.evaluate("Number(sessionStorage.getItem('sockets'))") == (refused + 1 if opened else 4)
 
 
-#: As over plain HTTP, where a browser does not say of which site a request is.
-PLAIN = {b"Sec-Fetch-Site: same-origin\r\n": b""}
-
-
 @pytest.mark.parametrize(
     ("path", "replaced", "said"),
     [
-        ("/rattle/", {b" /rattle/": b" /"}, "'/rattle/', and works at the root of a host only"),
-        ("/rattle", {b" /rattle/": b" /", b" /rattle ": b" / "}, "works at the root of a host only"),
-        ("/", PLAIN | {b"\r\nHost: ": b"\r\nHost: localhost\r\nX-Host: "}, "proxy_set_header Host $http_host"),
+        ("/rattle/", {b" /rattle/": b" /"}, "the service with --root-path /rattle (RATTLE_ROOT_PATH=/rattle)"),
+        ("/rattle", {b" /rattle/": b" /", b" /rattle ": b" / "}, "X-Forwarded-Prefix: /rattle, which counts with"),
+        ("/", {b"\r\nHost: ": b"\r\nHost: localhost\r\nX-Host: "}, "proxy_set_header Host $http_host"),
         ("/", {b"Upgrade: websocket\r\n": b""}, "must pass on websockets"),
     ],
 )

@@ -65,7 +65,7 @@ def mesh(rpm: float) -> float:
 QUICK = [
     Claim(
         "labels.md",
-        "in a watch of # forcing periods and # relaxation times 1/δ",
+        "an observation of # forcing periods and # relaxation times 1/δ",
         lambda: [classify.PERIODS, classify.WATCH],
     ),
     Claim("labels.md", "At δ = 0.001 that is # periods.", lambda: [classify.WATCH / 0.001]),
@@ -161,7 +161,7 @@ def test_a_wrong_number_is_noticed() -> None:
     with pytest.raises(AssertionError, match=r"labels\.md"):
         require_said(claim._replace(computed=lambda: [classify.PERIODS, 3 * classify.WATCH]))
     with pytest.raises(AssertionError, match="0 times"):
-        require_said(claim._replace(text="in a watch of # years"))
+        require_said(claim._replace(text="an observation of # years"))
 
 
 @pytest.mark.parametrize("gear", [rattle.Gear, StiffGear])

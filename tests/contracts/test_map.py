@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "map.md").read_text()
 PACKAGES = ("rattle", "workers", "service")
 STEP = re.compile(
-    r"New file `(?P<new>[^`]+)`:\n\n```python\n(?P<file>.*?)```"
+    r"New file `(?P<new>[^`]+)`:\n\n```(?:python|toml)\n(?P<file>.*?)```"
     r"|In `(?P<at>[^`]+)`, before `(?P<line>[^`]+)`:\n\n```\n(?P<code>.*?)```"
     r"|In `(?P<in>[^`]+)`, replace `(?P<old>[^`]+)` by `(?P<by>[^`]+)`",
     re.S,
@@ -58,6 +58,85 @@ request = SurveyRequest(
 )
 assert any(key.startswith("curves/PDC_low/") for key in template_of(request))
 """,
+    "gear": """
+import asyncio
+import sys
+import tempfile
+from math import pi
+from pathlib import Path
+import rattle
+import xarray as xr
+sys.path += TESTS
+from service_support import BODY, IN_A_THREAD, compute, front_end, front_of, no_cluster
+from waiting import HANG, eventually
+from gear_rattle.service.app import create_app
+from gear_rattle.service.commands.survey_options import OPTIONS, survey_request
+from gear_rattle.service.explorer.common.address import View, pin_of
+from gear_rattle.service.explorer.point import parts
+from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.point.view import PointView
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import SurveyRequest
+from rattle.models import MODELS, model_of
+
+model = model_of(0.6, wear=0.5)
+assert model.name == "worn"
+assert abs(model.gear(0.4, 0.1).quiet_limit - rattle.quiet_limit(0.6)) < 1e-15
+given = BODY | {"model": "worn", "wear": 0.5, "delta": {"start": 0.4, "stop": 0.5, "num": 2}, "tile": {}}
+data = Path(tempfile.mkdtemp())
+with front_end(data, points=IN_A_THREAD) as client:
+    refused = client.post("/v1/surveys", json=BODY | {"model": "worn"})
+    assert refused.status_code == 422 and "needs wear, the wear of the bearings" in refused.text, refused.text
+    refused = client.post("/v1/surveys", json=given | {"quantities": ["grazing"]})
+    assert refused.status_code == 422 and "has no grazing" in refused.text, refused.text
+    made = client.post("/v1/surveys", json=given)
+    assert made.status_code == 202, made.text
+    survey = client.get(made.headers["location"]).json()
+    assert (survey["request"]["model"], survey["request"]["wear"]) == ("worn", 0.5)
+    assert survey["request"]["kappa"] is None
+    request = SurveyRequest(**survey["request"])
+    compute(front_of(client), survey["id"], request)
+    store = xr.open_zarr(front_of(client).directory.store(survey["id"]))
+    assert (store.attrs["model"], float(store.wear), store.wear.attrs["long_name"]) == ("worn", 0.5, "wear w")
+    assert (store.region.sel(delta=0.4) == rattle.regions(0.6, store.epsilon.values)).all()
+    assert float(store.impulse_balance_error.max()) < 0.1
+    picture = client.get(f"/v1/surveys/{survey['id']}/map.png", params={"variable": "quiet_fraction"})
+    assert picture.content.startswith(b"\\x89PNG"), picture.text
+    at = {"delta": 0.4, "epsilon": 0.1, "wear": 0.5}
+    found = client.get("/v1/attractors", params=at | {"count": 256}).json()
+    assert (found["wear"], found["kappa"]) == (0.5, None)
+    speeds = [each["v"] for each in found["attractors"] if (each["m"], each["n_plus"], each["n_minus"]) == (1, 1, 0)]
+    assert [abs(v - 2 * pi * 0.6) < 1e-9 for v in speeds] == [True]  # the impulses balance the drag of worn bearings
+    assert client.get("/v1/orbits", params=at).json()["region_name"] == "IV"
+    assert client.get("/v1/basins.png", params=at | {"resolution": 10}).content.startswith(b"\\x89PNG")
+    asked = {"delta": 0.4, "of": "epsilon", "wear": 0.5, "count": 64, "share": 0.8}
+    assert client.get("/v1/limits", params=asked).status_code == 200
+    assert client.get("/v1/curves", params={"wear": 0.5}).json()["curves"] == []
+assert "wear" in OPTIONS
+options = {"delta": "0.4:0.5:2", "epsilon": "0.1:0.2:2", "wear": "0.1:0.5:3"}
+assert (survey_request(options).model, survey_request(options).third) == ("worn", "wear")
+pin = pin_of(0.4, 0.1, model)
+assert "wear" in View(pins=(pin,)).query() and pin.model == model
+
+
+async def shown():
+    app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False), no_cluster)
+    async with app.router.lifespan_context(app):
+        view = PointView(PointPanel("light"), app.state.front, 0.4, 0.1, model)
+
+        async def here(work, *arguments, **_):
+            few = {parts.basins: (40, "cells"), parts.chances: (64,)}
+            return work(arguments[0], *few[work]) if work in few else work(*arguments)
+
+        view._work.compute = here
+        assert "bearings of wear w = 0.5" in view.panel.where.html
+        await eventually(lambda: "quiet" in view.panel.likely.html and "only" in view.panel.safe.html)
+        assert "impacting model only, not of the worn one" in view.panel.safe.html
+        view.stop()
+
+
+asyncio.run(shown())
+""",
     "route": """
 import sys
 import tempfile
@@ -86,11 +165,17 @@ def test_no_module_is_imported_in_a_circle() -> None:
     TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in graph.modules}).prepare()
 
 
+def test_models_compile_nothing_of_their_own() -> None:
+    """So that kernels need not be compiled anew where a model is added: `COMPILE_NOTHING`."""
+    kernels = re.compile(r"numerics\.compile import|numba")
+    assert not [path for path in (ROOT / "rattle" / "models").rglob("*.py") if kernels.search(path.read_text())]
+
+
 def test_nobody_asks_which_gear_it_is() -> None:
     """What differs is a method, or a capability that the model names."""
     kinds = "Gear|StiffGear|Impacting|Stiff|Itinerary|StiffItinerary"
     asks = re.compile(rf"isinstance\([^()]*\b({kinds})\b")
-    own = {"rattle/models.py", "rattle/impacting", "rattle/stiff"}
+    own = {"rattle/models", "rattle/impacting", "rattle/stiff"}
     asking = {
         str(path.relative_to(ROOT))
         for package in PACKAGES
@@ -132,6 +217,7 @@ ADDED = {
     "quantity": ("orbit_count", "number_of_orbits"),
     "curve": ("PDC_low", "PDC_beside"),
     "route": ("balance", "balance_of_impulses"),
+    "gear": ("worn", "worse"),
 }
 
 
@@ -192,6 +278,7 @@ def test_what_a_recipe_adds_is_as_the_linters_want_it(what: str, which: int, tmp
 
 def carry_out(step: re.Match[str], root: Path) -> None:
     if step["new"]:
+        (root / step["new"]).parent.mkdir(parents=True, exist_ok=True)
         (root / step["new"]).write_text(step["file"])
         return
     path = root / (step["at"] or step["in"])

@@ -14,8 +14,8 @@ PAPER = (ROOT / "docs" / "paper.md").read_text()  # checked in test_paper.py
 
 
 def test_what_is_said_of_the_paper_is_what_its_document_counts():
-    numbers, agreeing, findings = map(
-        int, re.findall(r"Of (\d+) numbers (\d+) agree .*\n?.*?(\d+) findings", README)[0]
+    agreeing, numbers, findings = map(
+        int, re.findall(r"(\d+) of its (\d+) numbers agree .*\n?.*?(\d+) findings", README)[0]
     )
     table = PAPER.split("## Numbers")[1].split("## Statements")[0]
     verdicts = re.findall(r"\| (agrees|off: finding \d+|undecided) \|$", table, re.MULTILINE)

@@ -15,27 +15,48 @@ PYTHON = ROOT / ".venv-s3" / "bin" / "python"
 BUCKET = "surveys"
 
 #: After POST /-/fail?N the next N requests, and no other, are answered with 503; after POST /-/trouble?N every Nth, and
-#: every other waits a while. Answers how many have been so since it was asked last.
+#: every other waits a while. Answers how many have been so since it was asked last. After POST /-/restart?S nobody
+#: listens for S seconds; then it goes on with the same objects. GET /-/used lists the kinds of requests so far.
 SCRIPT = """
 import itertools
+import json
 import sys
+import threading
 import time
+from urllib.parse import parse_qsl
 from moto.server import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
 
 failing = [0]
 every, refused, counted = [0], [0], itertools.count(1)
 dispatcher = DomainDispatcherApplication(create_backend_app)
+away, servers, used = [0.0], [], set()
+PARTS = ("delete", "list-type", "uploads", "uploadId", "partNumber")
+
+def kind_of(environ):
+    query = dict(parse_qsl(environ["QUERY_STRING"], keep_blank_values=True))
+    conditions = {"HTTP_RANGE": "Range", "HTTP_IF_NONE_MATCH": "If-None-Match", "HTTP_IF_MATCH": "If-Match"}
+    said = [word for name, word in conditions.items() if name in environ]
+    return " ".join([environ["REQUEST_METHOD"], *said, *("?" + name for name in PARTS if name in query)])
 
 def application(environ, start_response):
     if environ["PATH_INFO"] == "/-/fail":
         failing[0] = int(environ["QUERY_STRING"])
         start_response("204 No Content", [])
         return []
+    if environ["PATH_INFO"] == "/-/used":
+        start_response("200 OK", [])
+        return [json.dumps(sorted(used)).encode()]
+    if environ["PATH_INFO"] == "/-/restart":
+        away[0] = float(environ["QUERY_STRING"])
+        threading.Thread(target=servers[-1].shutdown).start()
+        start_response("204 No Content", [])
+        return []
     if environ["PATH_INFO"] == "/-/trouble":
         every[0], before, refused[0] = int(environ["QUERY_STRING"]), refused[0], 0
         start_response("200 OK", [])
         return [str(before).encode()]
+    used.add(kind_of(environ))
     if every[0]:
         if next(counted) % every[0] == 0:
             refused[0] += 1
@@ -48,9 +69,15 @@ def application(environ, start_response):
         return []
     return dispatcher(environ, start_response)
 
-server = make_server("127.0.0.1", 0, application, threaded=True)
-print(server.server_port, flush=True)
-server.serve_forever()
+port = 0
+while True:
+    servers.append(make_server("127.0.0.1", port, application, threaded=True))
+    if not port:
+        port = servers[-1].server_port
+        print(port, flush=True)
+    servers[-1].serve_forever()
+    servers[-1].server_close()
+    time.sleep(away[0])
 """
 
 
@@ -70,6 +97,14 @@ class S3:
     def trouble(self, every: int) -> int:
         """Let the server answer slowly, and every so many requests with 503; 0 ends it. Returns how many were so."""
         return int(httpx.post(f"{self.url}/-/trouble?{every}", timeout=HANG).raise_for_status().text)
+
+    def restart(self, seconds: float) -> None:
+        """Let nobody listen for some seconds."""
+        httpx.post(f"{self.url}/-/restart?{seconds}", timeout=HANG).raise_for_status()
+
+    def used(self) -> set[str]:
+        """Return the kinds of requests that it was sent: method, conditions and subresources."""
+        return set(httpx.get(f"{self.url}/-/used", timeout=HANG).raise_for_status().json())
 
     def fail(self, requests: int) -> None:
         """Let the server answer the next requests with 503."""

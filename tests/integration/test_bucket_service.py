@@ -1,6 +1,7 @@
 """Surveys in a bucket by `rattle run` and by the service, killed in the middle and read through the front."""
 
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from s3_server import BUCKET, S3
 from service_processes import (
     FIELDS,
     OPTIONS,
+    ROOT,
     assert_bit_identical,
     client_of,
     finish,
@@ -63,6 +65,38 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
     with open_survey(url) as dataset:
         assert_bit_identical(dataset, expected)
     assert CliRunner().invoke(app, ["verify", url]).exit_code == 0
+
+
+def test_a_server_that_fails_in_five_of_a_hundred_requests_and_restarts(
+    s3: S3, expected: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    """And it is asked for nothing that the documents do not name."""
+    faults, url, target = Faults(tmp_path), f"s3://{BUCKET}/restarts/survey.zarr", f"s3://{BUCKET}/restarts/copy.zarr"
+    place, settings = Bucket(url), faults.environment | s3.settings
+    faults.hold(MIDDLE)
+    process = start(*RUN, "--out", url, settings=settings)
+    try:
+        wait_until(lambda: tiles_in(place) == MIDDLE)
+        s3.trouble(20)
+        s3.restart(2.0)
+        faults.release()
+        assert process.wait(timeout=HANG) == 0
+        assert finish("copy", url, target, settings=settings).returncode == 0
+        s3.restart(1.0)
+        assert finish("verify", target, settings=settings).returncode == 0
+    finally:
+        faults.release()
+        refused = s3.trouble(0)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert refused > 10
+    for each in (url, target):
+        with open_survey(each) as dataset:
+            assert_bit_identical(dataset, expected)
+    Bucket(target).delete()
+    text = (ROOT / "docs" / "operations.md").read_text()
+    named = set(re.findall(r"`([^`]+)`", text.partition("A provider must offer")[2].partition("\n\n")[0]))
+    assert s3.used() <= named, s3.used() - named
 
 
 @deep

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rattle
-from rattle.flight.law import DRIFT
+from rattle.flight.forcing import DRIFT
 from rattle.impacting.map import impact_map
 
 points = st.builds(

@@ -5,15 +5,15 @@ import pytest
 from depth import either
 
 import rattle
-from rattle.flight import law
-from rattle.flight.law import DRIFT
+from rattle.flight import forcing
+from rattle.flight.forcing import DRIFT
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.quiet import capture_invariant
 
 
 def contact_force(tau, delta, epsilon):
     theta = 2 * np.pi * tau
-    return law.contact_force(np.sin(theta), np.cos(theta), delta, epsilon, DRIFT)
+    return forcing.contact_force(np.sin(theta), np.cos(theta), delta, epsilon, DRIFT)
 
 
 def history(delta, epsilon, beta, tau, v, periods, most=200_000):

@@ -14,7 +14,8 @@ from written import compute_and_write
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, create_store, open_survey, tiles_done
 from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
-from rattle import models
+from rattle.models import model as models
+from rattle.parameters import Parameters
 
 # Periodic, chaotic and quiet cells, on both sides of the quiet limit.
 GRID = {"delta": Axis(start=0.58, stop=0.78, num=6), "epsilon": Axis(start=0.05, stop=0.24, num=5)}
@@ -119,8 +120,8 @@ def test_a_failing_cell_loses_only_itself(monkeypatch: pytest.MonkeyPatch, whole
     delta, epsilon = WHOLE.delta.values()[bad[1]], WHOLE.epsilon.values()[bad[0]]
     of_samples = models.of_samples
 
-    def failing(classifier: Any, cells: list[np.ndarray], *args: Any) -> rattle.Attractors:
-        if np.any((cells[0] == delta) & (cells[1] == epsilon)):
+    def failing(classifier: Any, cells: Parameters, *args: Any) -> rattle.Attractors:
+        if np.any((cells.delta == delta) & (cells.epsilon == epsilon)):
             raise rattle.RattleError("no luck here")
         return of_samples(classifier, cells, *args)
 

@@ -7,7 +7,8 @@ import panel_march
 from compiled import compiled
 
 from rattle.flight.first_impact import proven_impact, safe_impact
-from rattle.flight.law import DRIFT, TWO_PI, leaving
+from rattle.flight.forcing import DRIFT, TWO_PI
+from rattle.flight.law import leaving
 
 SEEN = ("flights", "proved", "no_impact", "marched", "wrong_wall", "late", "march_wall", "march_time")
 FLIGHTS, PROVED, NO_IMPACT, MARCHED, WRONG_WALL, LATE, MARCH_WALL, MARCH_TIME = range(len(SEEN))

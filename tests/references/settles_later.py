@@ -22,14 +22,17 @@ from typing import NamedTuple
 import numpy as np
 
 import rattle
-from rattle.attractors.table import CHAOTIC, UNDECIDED, tabulated
-from rattle.flight.law import DRIFT, contact_force, natural_speed
+from rattle.attractors.samples import Outcome
+from rattle.attractors.table import tabulated
+from rattle.flight.forcing import DRIFT, contact_force
+from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import impact
 from rattle.impacting.map.quiet import capture_invariant
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import initial_conditions
+from rattle.parameters import Parameters
 from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map.flow import QUIET
 from rattle.stiff.map.return_map import StiffPoint, step
@@ -127,18 +130,18 @@ def watched(point, count=COUNT):
     states = initial_conditions(*arrays, count, v_max, 0)
     is_stiff = np.isfinite(point[3])
     found = (
-        StiffClassifier.classify((*arrays, kappa), *states)
+        StiffClassifier.classify(Parameters.of("stiff", *arrays, kappa=kappa), *states)
         if is_stiff
-        else ImpactingClassifier.classify(arrays, *states)
+        else ImpactingClassifier.classify(Parameters.of("impacting", *arrays), *states)
     )
     seconds = time.process_time() - began
     table, row = tabulated(found)
     kind, samples = table.kind[row], found.samples
-    chaotic = np.flatnonzero(kind == CHAOTIC)
+    chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     most = TIMES * int(samples.impacts[chaotic].max(initial=0))
     wrong = sum(settles(samples.tau[k], samples.v[k], most, point, v_max[0] / 7.0) for k in chaotic)
     impacts = int(samples.impacts.sum())
-    return Cell(*point, chaotic.size, int(np.sum(kind == UNDECIDED)), int(wrong), impacts, seconds)
+    return Cell(*point, chaotic.size, int(np.sum(kind == Outcome.UNDECIDED)), int(wrong), impacts, seconds)
 
 
 def line(name, chosen, count):

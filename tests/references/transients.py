@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rattle.flight.first_impact import OK
-from rattle.flight.law import DRIFT
+from rattle.flight.forcing import DRIFT
 from rattle.impacting.map.impact_map import impact
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at

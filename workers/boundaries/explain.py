@@ -18,7 +18,7 @@ from gear_rattle.workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, 
 from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
 from rattle.curves import Curve
-from rattle.models import Model
+from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
 
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100
@@ -77,8 +77,9 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     families: its group of that name, if it has one. most_curves: how many curves of other than period-one motions may
     be computed. Raises SurveyError.
     """
-    if dataset.attrs.get("model") == Model.STIFF:
-        raise SurveyError("boundaries are explained in surveys of the impacting model only, which this one is not")
+    model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
+    if Capability.BOUNDARIES not in model.has:
+        raise SurveyError(str(lacking(Capability.BOUNDARIES, model)))
     search = _Search(Grid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.covers_region()

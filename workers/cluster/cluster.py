@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import json
 import logging
 import os
 import pickle
@@ -9,10 +10,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import Any
@@ -58,6 +62,11 @@ NOTES = {
 #: dask's HTTP servers, which every local account reaches, have no pages.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 SPANS = "spans"  # notes that are never given up, however old
+
+OURS, MODULE = "gear-rattle", "gear_rattle"
+#: Other versions of these do not understand each other, or compute other bits.
+PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
+SHOWN = 3  # workers that a message names
 
 
 class WarmKernels(WorkerPlugin):
@@ -223,10 +232,15 @@ def connect(url: str) -> Iterator[Client]:
     Its workers need this package in the same version, and the file system of the store. At `tls://host:8786`, dask's
     own settings `distributed.comm.tls` name the certificates.
 
+    Args:
+        url: address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read
+            anew at each call: a batch system starts the next scheduler elsewhere.
+
     Raises:
-        ClusterLostError: nothing answers at the address, or it has no workers.
-        SurveyError: its workers cannot run the kernels.
+        ClusterLostError: nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
+        SurveyError: its workers cannot run the kernels, or have other versions.
     """
+    url = _address_of(url)
     with ExitStack() as stack:
         # The client logs every lost connection with a traceback; here it becomes one exception.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
@@ -239,10 +253,68 @@ def connect(url: str) -> Iterator[Client]:
                 f"no dask scheduler with workers answers at {url} ({error}): start them, or correct it"
             ) from error
         try:
+            require_compatible(client)
             client.register_plugin(WarmKernels())
+        except SurveyError:
+            raise
         except Exception as error:
             raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
         yield client
+
+
+def require_compatible(client: Client) -> None:
+    """Compare versions of this process with those of all workers.
+
+    Raises
+    ------
+    SurveyError
+        A worker lacks this package, or has another version of it, of Python or of a library; the message names both.
+    """
+    found = client.run(find_spec, MODULE, on_error="return")
+    if without := [address for address, spec in found.items() if not isinstance(spec, ModuleSpec)]:
+        raise SurveyError(
+            f"{_named(without)} cannot import {MODULE}: install it there, in the version of this process, with "
+            f"pip install '{OURS}[workers]=={_here(client)}' (and [s3] for stores in a bucket)"
+        )
+    versions: Any = client.get_versions(packages=list(PACKAGES))
+    here = _versions(versions["client"])
+    others = {address: _versions(each) for address, each in versions["workers"].items()}
+    for name, version in here.items():
+        differing = {address: each[name] for address, each in others.items() if each[name] != version}
+        if differing:
+            theirs = ", ".join(sorted({each or "none" for each in differing.values()}))
+            raise SurveyError(
+                f"{_named(list(differing))} has {name} {theirs}, and this process has {name} {version or 'none'}: "
+                "install the same version on both"
+            )
+
+
+def _here(client: Client) -> str:
+    versions: Any = client.get_versions(packages=[OURS])
+    return str(versions["client"]["packages"][OURS] or "VERSION")
+
+
+def _versions(of: Mapping[str, Any]) -> dict[str, str | None]:
+    """Return versions by package, of Python the first two numbers."""
+    python = ".".join(str(of["host"]["python"]).split(".")[:2])
+    return {"Python": python} | {name: of["packages"].get(name) for name in PACKAGES}
+
+
+def _named(addresses: list[str]) -> str:
+    more = f" and {len(addresses) - SHOWN} more" if len(addresses) > SHOWN else ""
+    return ("the worker at " if len(addresses) == 1 else "workers at ") + ", ".join(sorted(addresses)[:SHOWN]) + more
+
+
+def _address_of(url: str) -> str:
+    """Return the address of a scheduler, which may be given as a scheduler file."""
+    if not url.endswith(".json"):
+        return url
+    try:
+        return str(json.loads(Path(url).read_text())["address"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ClusterLostError(
+            f"no dask scheduler has written the scheduler file {url} ({error}): start it, or correct the path"
+        ) from error
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:

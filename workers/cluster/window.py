@@ -22,12 +22,11 @@ from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
-from rattle.models import Model
 
 HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096
 RESOLVED = 4  # units in the last place between neighbouring values of an axis
-CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # of the impacting model: at once at full resolution
+CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # where they are: at once at full resolution
 
 
 class Part(NamedTuple):
@@ -63,7 +62,7 @@ class Frame:
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     """Return the variable of a map. Raises SurveyError if there is no such map, as of a survey of that model."""
-    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and request.model in quantity.models]
+    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_of(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
         raise SurveyError(no_map(variable, maps))
@@ -120,7 +119,7 @@ class Grid:
         self.failed = 0
         whole = math.gcd(*(number - 1 for number in survey.shape))
         halvings = min(HALVINGS, (whole & -whole).bit_length() - 1)
-        at_once = survey.model is Model.IMPACTING and quantity.group in CLOSED_FORM
+        at_once = survey.in_closed_form and quantity.group in CLOSED_FORM
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[Part, ...]:
@@ -170,18 +169,13 @@ def compute_part(
     # the status tells of all that are stored
     wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
     groups = {each.group for each in wanted}
-    sample = request.initial_conditions
     cells = Cells(
         delta=delta,
         epsilon=epsilon,
         model=request.gear_model,
-        count=sample.count if SAMPLED.intersection(groups) else 0,
-        v_max=request.v_max,
-        seed=request.seed,
-        budget=sample.budget,
+        sample=request.sample,
+        is_sampled=bool(SAMPLED.intersection(groups)),
         slots=request.n_slots,
-        tau=sample.tau,
-        v_min=sample.v_min,
     )
     failed = 0
     try:

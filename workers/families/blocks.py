@@ -74,13 +74,13 @@ def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
 def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """A table whose cells are numbered in a rectangle instead of in the grid."""
     row, column = np.divmod(table.cell, columns)
-    return table._replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
+    return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
 def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """A table whose cells are numbered in the grid instead of in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
-    return table._replace(cell=(row + cells.top) * columns + column + cells.left)
+    return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
 def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:

@@ -86,7 +86,7 @@ class _Join:
         orbits = together(*entered)
         order = in_order(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
-        joined = Joined(table, Attractors._make(x[order] for x in orbits), numbers[order], self._columns)
+        joined = Joined(table, orbits.take(order), numbers[order], self._columns)
         return joined, edges_of((each.ends for each in told), family, table, list(curves)), chunks
 
     def _of_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
@@ -106,9 +106,7 @@ class _Join:
         rim = [
             within(table.cell, frame, self._columns) & ~within(table.cell, block.cells, self._columns) for table in near
         ]
-        return type(near[0])._make(
-            np.concatenate([x[at] for x, at in zip(column, rim, strict=True)]) for column in zip(*near, strict=True)
-        )
+        return type(near[0]).concat([table.take(at) for table, at in zip(near, rim, strict=True)])
 
     def _around(self, tile: Tile) -> list[Block]:
         """The blocks that cover a tile."""
@@ -163,7 +161,7 @@ class _Join:
             for block in self.blocks
         ]
         first = [
-            part.first._replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
+            part.first.replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
         ]
         return self._of_blocks(tell, zip(entered, component, self._after(first), passed, strict=True))
 
@@ -200,9 +198,8 @@ class _Join:
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
     """The borders of all blocks, whose components begin with these numbers."""
-    columns = zip(*borders, strict=True)
-    found = Border._make(np.concatenate(column) for column in columns)
-    return found._replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
+    found = Border.concat(list(borders))
+    return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
 def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:

@@ -6,7 +6,7 @@ Each task is a function of what the tiles hold and of its arguments, and may be 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,11 +34,13 @@ from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from rattle import Attractors
 from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
+from rattle.numerics import StructOfArrays
 
 PLACES = 1 << 16  # more than a cell has attractors
 
 
-class Border(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Border(StructOfArrays):
     """Attractors (k,) on the border of a block: their cell, their place in it, and what they are of."""
 
     cell: np.ndarray
@@ -83,10 +85,10 @@ def enter(
     cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
     table = attractors_in(request, place_of(path), cells if tried else frame, block.along).attractors
     inside = within(table.cell, cells, columns)
-    beside = beside or Attractors._make(x[~inside] for x in table)
-    table = together(Attractors._make(x[inside] for x in table), entered)
+    beside = beside or table.take(~inside)
+    table = together(table.take(inside), entered)
     order = in_order(table)
-    tables = Attractors._make(x[order] for x in table), beside
+    tables = table.take(order), beside
     here, there = (numbered_in(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
     piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
@@ -104,7 +106,7 @@ def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors
     n = found.cell.size
     table = together(found, entered, beside)
     order = in_order(table)
-    table = Attractors._make(x[order] for x in table)
+    table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
     component = connected(numbered_in(table, frame, columns), shape, _cells(request, frame))
     inside, where = within(table.cell, block.cells, columns), place_in_cell(table.cell)
@@ -181,7 +183,7 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
     table = together(found.attractors, entered)
     order = in_order(table)
     listed = order < found.attractors.cell.size
-    return Attractors._make(x[order] for x in table), read_components(place, block), listed
+    return table.take(order), read_components(place, block), listed
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:

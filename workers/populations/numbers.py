@@ -1,14 +1,14 @@
 """Numbers of a gear in a request: each one number or a distribution."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, create_model
 from pydantic_core import PydanticCustomError
 
 from gear_rattle.workers.survey.axes import Real, Strict, words_of
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
-from rattle.populations import Distribution
+from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
 MOST_MEASURED = 10_000
 
@@ -102,22 +102,17 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
 Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 
-class GearNumbers(Strict):
-    """The numbers of a gear: delta, epsilon, beta and kappa, or those of a machine in SI units as `rattle.Machine` has
-    them, with rpm.
+if TYPE_CHECKING:
+    _Numbers = Strict
+else:
+    _Numbers = create_model("_Numbers", __base__=Strict, **dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE), (Number, None)))
+
+
+class GearNumbers(_Numbers):
+    """The numbers of a gear: delta, epsilon, beta and what its model adds, or those of a machine in SI units as
+    `rattle.Machine` has them, with rpm.
     """
 
-    delta: Number = None
-    epsilon: Number = None
-    beta: Number = None
-    kappa: Number = None
-    inertia: Number = None
-    drag: Number = None
-    backlash: Number = None
-    eccentricity: Number = None
-    radius: Number = None
-    rpm: Number = None
-    stiffness: Number = None
     drive: Literal["torque", "speed"] | None = None
 
     @property

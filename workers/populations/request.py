@@ -10,12 +10,12 @@ from pydantic import Field, model_validator
 
 from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, meant
 from gear_rattle.workers.survey.axes import Name, Real, Strict
-from gear_rattle.workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES, STIFF_SAMPLES
+from gear_rattle.workers.survey.request import LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES
 from gear_rattle.workers.survey.values.schema import Group
 from gear_rattle.workers.survey.version import code_version
 from rattle import Shock
 from rattle.attractors import BUDGET, LARGEST_BUDGET, PERIODS, WATCH
-from rattle.models import Model
+from rattle.models import MODELS
 from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan, Tolerances
 
 MAX_TILE_GEARS = 65_536
@@ -81,21 +81,21 @@ class PopulationRequest(Strict):
         return ()
 
     @property
-    def model(self) -> Model:
+    def model(self) -> str:
         """Which of the models its gears are."""
-        return Model.IMPACTING if self.gear.kappa is None and self.gear.stiffness is None else Model.STIFF
+        return self.plan.tolerances.model.name
 
     @cached_property
-    def stiffness(self) -> float | None:
-        """The stiffness of one of its gears."""
+    def added_numbers(self) -> dict[str, float]:
+        """What one of its gears has beside δ, ε and β, by name."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
-        return None if points.kappa is None else float(points.kappa[0])
+        return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
     @cached_property
     def least_damping(self) -> float:
         """The least damping of the first gears."""
         few = self.plan.values(np.arange(min(LOOKED_AT, self.gears)))
-        return float(self.plan.tolerances.points(few).delta.min())
+        return float(self.plan.tolerances.points(few).parameters.delta.min())
 
     @property
     def shape(self) -> tuple[int]:
@@ -107,7 +107,7 @@ class PopulationRequest(Strict):
         """Gears of a tile; the last one may be smaller."""
         if self.tile is not None:
             return (min(self.tile, self.plan.rows),)
-        samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
+        samples = MODELS[self.model].tile_samples
         longer = max(1.0, WATCH / (PERIODS * self.least_damping))
         each = -(-self.samples // self.n_cells)
         most = max(int(samples / longer) // each, 1)

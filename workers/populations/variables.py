@@ -10,10 +10,15 @@ from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATUS
 from gear_rattle.workers.survey.values.quantities import DOI
 from rattle.machine import UNITS
+from rattle.models import ADDED, BETA
 from rattle.populations import VERDICTS, Gears, is_machine, means
 
 GEAR, SAMPLE = "gear", "sample"
-NAMES = {"delta": "damping δ", "epsilon": "eccentricity ε", "beta": "half-backlash β", "kappa": "stiffness κ"}
+NAMES = {
+    "delta": "damping δ",
+    "epsilon": "eccentricity ε",
+    **{each.name: each.long_name for each in (BETA, *ADDED.values())},
+}
 UNIT_OF = UNITS | {"rpm": "rpm"}
 
 Evaluate = Callable[[PopulationRequest, Gears], Any]

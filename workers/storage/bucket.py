@@ -26,8 +26,9 @@ SCHEME = "s3://"
 #: A prefix with one of these is ours, and no store: its creation or deletion was begun, or a run holds it.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
-#: A request is tried again for so long before the survey has to wait.
-RETRIES, RETRY_SECONDS = 6, 60
+#: A request is tried again for so long before the survey has to wait; so many times, which 60 s do not suffice for: a
+#: server that restarts refuses connections at once.
+RETRIES, RETRY_SECONDS = 1000, 60
 
 
 class Bucket:

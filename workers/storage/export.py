@@ -45,6 +45,8 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
     encoding: dict[Hashable, dict[str, object]] = {}
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
+        if values.ndim and values.dtype.kind in "biuf":  # HDF5 has no checksums of texts
+            encoding[name]["fletcher32"] = True
         if values.dims[-2:] == CELL:  # or HDF5 would compress what a band is a part of again and again
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)

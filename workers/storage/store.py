@@ -390,4 +390,6 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
 def _readable(path_or_url: str | Path | Place) -> Any:
     if str(path_or_url).startswith(SCHEME):
         return place_of(path_or_url).zarr().with_read_only(True)  # type: ignore[union-attr]  # a bucket
+    if str(path_or_url).endswith(".zip"):
+        return zarr.storage.ZipStore(str(path_or_url), mode="r")
     return str(path_or_url)

@@ -152,6 +152,12 @@ _ENDS = (("least", "min_length"), ("most", "max_length"))
 LONGEST = 60  # characters of what was given, in a message
 
 
+def _fields_below(kind: type[BaseModel]) -> set[str]:
+    """Return the names of all fields of the subclasses of a model, and of theirs."""
+    below = kind.__subclasses__()
+    return {field for each in below for field in each.model_fields}.union(*map(_fields_below, below))
+
+
 def words_of(detail: Mapping[str, Any]) -> str:
     """Return what is wrong with a field in this project's words: the value, what is allowed, what to do.
 
@@ -170,7 +176,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
         return f"{context['discriminator']} must be one of {', '.join(known)}, got {tag!r}{did_you_mean(tag, known)}"
     if kind == "extra_forbidden":
         name = str(detail["loc"][-1])
-        known = sorted({field for each in Strict.__subclasses__() for field in each.model_fields} - {name})
+        known = sorted(_fields_below(Strict) - {name})
         return f"is no field here{did_you_mean(name, known) or ': remove it'}"
     if kind in ("too_long", "too_short"):
         ends = [f"at {end} {context[key]}" for end, key in _ENDS if context.get(key) is not None]

@@ -18,7 +18,7 @@ from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.values.schema import PARTS
 from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
-from rattle.models import AnyModel
+from rattle.models import Model
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
 NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes
@@ -168,7 +168,7 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=128)
-def traced(name: str, model: AnyModel, window: Window) -> Curve | Missing:
+def traced(name: str, model: Model, window: Window) -> Curve | Missing:
     """A curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
     try:
         with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
@@ -178,7 +178,7 @@ def traced(name: str, model: AnyModel, window: Window) -> Curve | Missing:
 
 
 @lru_cache(maxsize=8)
-def crossings(model: AnyModel, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
+def crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
     """Where each curve of a model, as it is traced for the template, passes between the cells of a grid."""
     grid = delta.values(), epsilon.values()
     found = (traced(name, model, window_around(*grid)) for name in model.curve_names)
@@ -191,7 +191,7 @@ def _points(curve: Curve | Missing) -> Polyline:
     return curve.delta, curve.epsilon, curve.piece
 
 
-def curve_attributes(name: str, model: AnyModel, curve: Curve | Missing) -> dict[str, str]:
+def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
     """What a curve is, and why its group is empty if it is; the reference is the model's, which lacks some curves."""
     attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
     if isinstance(curve, Missing):

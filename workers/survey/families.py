@@ -131,7 +131,7 @@ def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
         watched=unknown,
     )
     order = in_order(table)
-    return Slots(Attractors._make(x[order] for x in table), slot[order])
+    return Slots(table.take(order), slot[order])
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 import json
 import math
+from enum import StrEnum
 from hashlib import sha256
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -12,6 +13,7 @@ from pydantic import (
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
+    create_model,
     field_validator,
     model_validator,
 )
@@ -23,8 +25,8 @@ from gear_rattle.workers.survey.refined.asked import BLOCK, Refine, RefineOrNot,
 from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from gear_rattle.workers.survey.version import code_version
-from rattle.attractors import BUDGET, LARGEST_BUDGET, NATURAL, PAPER_SPEED, PERIODS, WATCH, in_paper_plane
-from rattle.models import AnyModel, Model, model_of
+from rattle.attractors import BUDGET, LARGEST_BUDGET, NATURAL, PAPER_SPEED, PERIODS, WATCH, SampleSpec, in_paper_plane
+from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Capability, Model, Parameter, model_of, owner_of
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
@@ -43,8 +45,6 @@ OneSpeed = WrapValidator(_one_of_both)
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 16  # by default, so that the workers end together and progress is seen
 MOST_TILES = 100  # of a large survey by default: each is some 35 files
-DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
-STIFF_SAMPLES = 4096  # the same of the stiff model, whose returns take a hundred times as long
 LARGER = 16  # times as many, at most, in a tile of a large survey
 BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
 BASIN_SAMPLES = 4096  # states at a time of each such cell
@@ -52,7 +52,6 @@ MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILE_REGIONS = 1_048_576  # cells of a refined tile of regions alone, which are a few bytes each
 TALL = 4  # how many times its usual height it has by default: closed forms are prepared column by column
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
-MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # what decides in which slot an attractor is
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
 MAX_SLOTS = 64
@@ -100,11 +99,40 @@ class TileShape(Strict):
     epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
 
 
-class SurveyRequest(Strict):
+if TYPE_CHECKING:
+    ModelName = str
+else:
+    ModelName = StrEnum("Model", {name.upper(): name for name in MODELS}, module=__name__, qualname="ModelName")
+    ModelName.__doc__ = "A model of the gear."
+
+
+class _Head(Strict):
+    name: Name = ""
+    model: ModelName = ModelName(DEFAULT_MODEL)
+    beta: Annotated[Annotated[Real, Field(gt=0)] | Axis, NumberOrAxis] = BETA.example
+
+
+def _kind_of(parameter: Parameter) -> Any:
+    """Return the type of the field of what a model adds: a number, or an axis where it may be one."""
+    most = parameter.greatest if math.isfinite(parameter.greatest) else None
+    number: Any = Annotated[Real, Field(gt=0, le=most)]
+    return Annotated[number | Axis, NumberOrAxis] | None if parameter.is_axis else number | None
+
+
+if TYPE_CHECKING:
+    _Numbers = _Head
+else:
+    #: The fields of what the models add, after those that come first in documents.
+    _Numbers = create_model(
+        "_Numbers", __base__=_Head, **{name: (_kind_of(each), None) for name, each in ADDED.items()}
+    )
+
+
+class SurveyRequest(_Numbers):
     """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default.
 
-    model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. beta, kappa: a number, or
-    one of them a third axis, of which each value has a slice: the survey of the plane there. quantities: by default all
+    model: the impacting one, or another, which needs the numbers that it adds. beta, and these: a number, or one of
+    them a third axis, of which each value has a slice: the survey of the plane there. quantities: by default all
     that the model has, but those that cost several times what all others do; each brings those that it is made from
     (families: attractors and lyapunov). slots: attractors that a cell lists, by
     default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. slots_by: "fraction", the
@@ -116,10 +144,6 @@ class SurveyRequest(Strict):
     store of certificates beside the survey's.
     """
 
-    name: Name = ""
-    model: Model = Model.IMPACTING
-    beta: Annotated[Annotated[Real, Field(gt=0)] | Axis, NumberOrAxis] = 0.6
-    kappa: Annotated[Annotated[Real, Field(gt=0, le=MOST_STIFF)] | Axis, NumberOrAxis] | None = None
     delta: Axis
     epsilon: Axis
     quantities: tuple[Group, ...] = DEFAULT
@@ -154,15 +178,16 @@ class SurveyRequest(Strict):
             raise ValueError(f"epsilon must not be negative: raise start ({epsilon.start}) to 0 or more")
         return epsilon
 
-    @field_validator("beta", "kappa")
+    @field_validator("beta", *ADDED)
     @classmethod
     def _positive(cls, value: float | Axis | None, info: ValidationInfo) -> float | Axis | None:
         if not isinstance(value, Axis):
             return value
         if value.start <= 0:
             raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
-        if info.field_name == "kappa" and value.stop > MOST_STIFF:
-            raise ValueError(f"kappa reaches to {MOST_STIFF:g} at most: lower stop ({value.stop})")
+        most = math.inf if info.field_name not in ADDED else ADDED[info.field_name].greatest
+        if value.stop > most:
+            raise ValueError(f"{info.field_name} reaches to {most:g} at most: lower stop ({value.stop})")
         if value.num > MAX_SLICES:
             raise ValueError(f"a third axis has {MAX_SLICES} values at most: lower num ({value.num})")
         return value
@@ -170,9 +195,10 @@ class SurveyRequest(Strict):
     @model_validator(mode="before")
     @classmethod
     def _by_model(cls, given: Any) -> Any:
-        """The default quantities of the stiff model lack what it does not have."""
-        if isinstance(given, dict) and given.get("model") == Model.STIFF and "quantities" not in given:
-            return given | {"quantities": [str(group) for group in DEFAULT if group in groups_of(Model.STIFF)]}
+        """The default quantities of a model lack what it does not have."""
+        if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
+            known = groups_of(given["model"])
+            return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
         return given
 
     @field_validator("quantities")
@@ -187,12 +213,16 @@ class SurveyRequest(Strict):
 
     @model_validator(mode="after")
     def _of_the_model(self) -> Self:
-        if self.model is Model.STIFF and self.kappa is None:
-            raise ValueError("the stiff model needs kappa, the stiffness of its walls: give one, such as 1e4")
-        if self.model is Model.IMPACTING and self.kappa is not None:
-            raise ValueError('kappa is of the stiff model: set model to "stiff", or leave kappa out')
-        if isinstance(self.beta, Axis) and isinstance(self.kappa, Axis):
-            raise ValueError("a survey has one third axis: give one number for beta, or for kappa")
+        own = {each.name: each for each in MODELS[self.model].added}
+        for name, each in ADDED.items():
+            value = getattr(self, name)
+            if name in own and value is None:
+                raise ValueError(f"the {self.model} model needs {name}, the {each.described}: give one, {each.advice}")
+            if name not in own and value is not None:
+                owner = owner_of(name).name
+                raise ValueError(f'{name} is of the {owner} model: set model to "{owner}", or leave {name} out')
+        if len(self.third_axis) > 1:
+            raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
         if unknown := set(self.quantities).difference(groups_of(self.model)):
@@ -204,11 +234,12 @@ class SurveyRequest(Strict):
     def _of_the_machine(self) -> Self:
         if self.machine is None:
             return self
-        if self.kappa is not None:
-            raise ValueError(
-                "teeth that give way have another kappa at each speed, and a survey has one: leave out the machine, or "
-                "model and kappa"
-            )
+        for each in MODELS[self.model].added:
+            if each.machine_number is not None:
+                raise ValueError(
+                    f"a machine has another {each.name} at each speed, and a survey has one: leave out the machine, or "
+                    f"model and {each.name}"
+                )
         if self.beta != self.machine.beta:
             raise ValueError(f"this machine has beta {self.machine.beta}: leave beta out")
         for delta in (self.delta.start, self.delta.stop):
@@ -260,16 +291,36 @@ class SurveyRequest(Strict):
         return self.refine is not None and self.refine.bound is not None
 
     @property
-    def gear_model(self) -> AnyModel:
+    def gear_model(self) -> Model:
         """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
-        if isinstance(self.beta, Axis) or isinstance(self.kappa, Axis):
+        if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
-        return model_of(self.beta, self.kappa)
+        return model_of(**self.others)
 
     @property
-    def stiffness(self) -> float | None:
-        """The stiffness of the walls, of several the largest; None of the impacting model."""
-        return self.kappa.stop if isinstance(self.kappa, Axis) else self.kappa
+    def in_closed_form(self) -> bool:
+        """Whether regions and orbits cost nothing."""
+        return Capability.CLOSED_FORM in MODELS[self.model].has
+
+    @property
+    def others(self) -> dict[str, Any]:
+        """β, and what its model has besides, by name: numbers, one of them perhaps an axis."""
+        return {each.name: getattr(self, each.name) for each in MODELS[self.model].parameters()}
+
+    @property
+    def added_numbers(self) -> dict[str, float]:
+        """What its model has beside δ, ε and β, by name; of an axis its end."""
+        return {
+            name: value.stop if isinstance(value, Axis) else value
+            for name, value in self.others.items()
+            if name in ADDED
+        }
+
+    @property
+    def sample(self) -> SampleSpec:
+        """The sample of each cell."""
+        given = self.initial_conditions
+        return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau, given.v_min)
 
     @property
     def third_axis(self) -> dict[str, Axis]:
@@ -342,7 +393,7 @@ class SurveyRequest(Strict):
         larger = math.isqrt(self.n_cells // MOST_TILES)
         side = min(max(DEFAULT_TILE, larger), math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
-            samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
+            samples = MODELS[self.model].tile_samples
             samples = min(max(samples, self.n_cells * self.initial_conditions.count // MOST_TILES), LARGER * samples)
             longer = max(1.0, WATCH / (PERIODS * self.delta.start))
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))

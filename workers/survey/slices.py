@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.manifest import path_of
 from gear_rattle.workers.survey.values.schema import FIXED
-from rattle.models import AnyModel, model_of
+from rattle.models import Model, model_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -61,10 +61,10 @@ def value_along(dataset: xr.Dataset) -> dict[str, float]:
     return {name: dataset[name].item() for name in one if name not in dataset.attrs}
 
 
-def surveyed_model(dataset: xr.Dataset) -> AnyModel:
+def surveyed_model(dataset: xr.Dataset) -> Model:
     """Return the model of an open survey without a third axis, or of a slice.
 
-    Surveys from before there were two models have no stiffness, older ones parameters as attributes alone.
+    Surveys from before there were two models name none, older ones have parameters as attributes alone.
 
     Raises SurveyError: it has a third axis.
     """
@@ -72,4 +72,4 @@ def surveyed_model(dataset: xr.Dataset) -> AnyModel:
     given: dict[str, Any] = {
         name: dataset[name].item() if name in dataset.coords else dataset.attrs.get(name) for name in FIXED
     }
-    return model_of(float(given["beta"]), None if given["kappa"] is None else float(given["kappa"]))
+    return model_of(**{name: float(value) for name, value in given.items() if value is not None})

@@ -28,8 +28,9 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, M
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.tiles import cells_of
 from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
-from gear_rattle.workers.survey.values.schema import FIXED, SLOT, Quantity
+from gear_rattle.workers.survey.values.schema import SLOT, Quantity
 from gear_rattle.workers.survey.version import code_version
+from rattle.models import MODELS
 
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())
@@ -148,13 +149,12 @@ def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
     """Return the parameters that all cells of a slice have, and what they are: coordinates without a dimension, but for
     a third axis.
     """
-    stiffness = {} if request.kappa is None else {"kappa": (request.kappa, "stiffness κ")}
-    return {"beta": (request.beta, "half-backlash β"), **stiffness}
+    return {each.name: (request.others[each.name], each.long_name) for each in MODELS[request.model].parameters()}
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
     """Return which model it is, with its parameters that are one number; NetCDF holds no null."""
-    numbers = {name: value for name in FIXED if isinstance(value := getattr(request, name), float)}
+    numbers = {name: value for name, value in request.others.items() if isinstance(value, float)}
     return {"model": str(request.model), **numbers}
 
 

@@ -90,18 +90,13 @@ def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     """Return the cells of a tile, or the whole grid, which then has no third axis."""
     request = request if tile is None else request.at(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
-    sample = request.initial_conditions
     return Cells(
         delta=delta if tile is None else delta[tile.delta],
         epsilon=epsilon if tile is None else epsilon[tile.epsilon],
         model=request.gear_model,
-        count=sample.count if SAMPLED.intersection(request.quantities) else 0,
-        v_max=request.v_max,
-        seed=request.seed,
-        budget=sample.budget,
+        sample=request.sample,
+        is_sampled=bool(SAMPLED.intersection(request.quantities)),
         slots=request.n_slots,
-        tau=sample.tau,
-        v_min=sample.v_min,
     )
 
 
@@ -150,7 +145,7 @@ def compute_tile(
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """The cells of a tile, of which only some are computed."""
     whole = cells_of(request.at(tile.along))
-    # those of the stiff model take minutes
+    # those that are not known in closed form take minutes
     curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound takes the audits of all slices together, so each has draws of its own; without, a slice is a survey.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded

@@ -6,8 +6,9 @@ from itertools import accumulate
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight.law import DRIFT, TWO_PI, Arc, Flight, negative_arc, versines
-from rattle.flight.tangent import MOST_BOUNCES, STUCK
+from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
+from rattle.flight.forcing import DRIFT, Arc, negative_arc, phase_at, plus_slope, swings_beyond
+from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
 LANES, GROUP = 192, 16  # lanes are flown in groups, as many as are in use
@@ -93,7 +94,7 @@ def flight32(b, i):
 def flight64(b, i):
     """The same in double precision."""
     k = np.uint64(i)
-    a = DRIFT - TWO_PI * b.epsilon[k] * b.sin0[k] - b.w[k]
+    a = plus_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
     return Flight(b.w[k], a, b.sin0[k], b.cos0[k], b.delta[k], b.epsilon[k])
 
 
@@ -117,7 +118,7 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     arc = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
-    b.rough[i] = flag(epsilon * math.hypot(TWO_PI, delta) > ROUGHNESS * 2.0 * delta)
+    b.rough[i] = flag(swings_beyond(ROUGHNESS, delta, epsilon))
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference that nothing is near
 
 
@@ -180,7 +181,7 @@ def empty(b):
 def ended(b, i):
     """True if lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
-        b.stuck[i], b.limit[i] = STUCK, -1.0
+        b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
 
 
@@ -188,8 +189,7 @@ def ended(b, i):
 def synchronise(b, groups):
     """Sine and cosine of the phase afresh: carried from flight to flight they drift by rounding."""
     for i in range(GROUP * groups):
-        versine, sine, _defect = versines(b.tau[i])
-        b.sin0[i], b.cos0[i] = sine, 1.0 - versine
+        b.sin0[i], b.cos0[i] = phase_at(b.tau[i])
 
 
 @inline

@@ -6,6 +6,7 @@ They are compacted, scanned at fixed steps, and proved from what the scan saw. d
 import numpy as np
 from numpy import float32 as f32
 
+from rattle.flight.forcing import Arc
 from rattle.flight.guess import (
     SCAN_STEP,
     SCAN_STEPS,
@@ -21,7 +22,7 @@ from rattle.flight.guess import (
     taylor,
 )
 from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag
-from rattle.flight.law import Arc, Flight
+from rattle.flight.law import Flight
 from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
 from rattle.numerics.compile import inline, kernel
 

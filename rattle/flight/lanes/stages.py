@@ -9,7 +9,9 @@ alone to `first_impact.safe_impact`. docs/kernel.md explains.
 import numpy as np
 from numpy import float32 as f32
 
+from rattle.flight.contact_phase import IN_CONTACT, stays_in_contact
 from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
+from rattle.flight.forcing import DRIFT, Q, plus_slope32
 from rattle.flight.guess import (
     TOO_FAR,
     Minimum,
@@ -21,14 +23,14 @@ from rattle.flight.guess import (
     refined,
     taylor,
 )
+from rattle.flight.impact_law import before_reflection, reflected
 from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
-from rattle.flight.law import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
+from rattle.flight.law import evaluate_short, folded, second_derivative
 from rattle.flight.proof import clears_the_gap, is_located, single_turn
-from rattle.flight.tangent import STUCK, carried, rests
+from rattle.flight.tangent import carried
 from rattle.numerics.compile import inline, kernel
 
-Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 LEAST = -np.finfo(np.float64).max  # of all numbers
 
 
@@ -44,7 +46,7 @@ def copy_to_single(b, groups):
 def guess(b, groups):
     """A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
-        b.a_[i] = Q_32 - TWO_PI_32 * b.epsilon_[i] * b.sin0_[i] - b.w_[i]
+        b.a_[i] = plus_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
 
 
@@ -172,7 +174,7 @@ def _land(tangent):
                 b.bend[i], b.lost[i] = bend, lost
                 b.s[i] = s if go else 0.0
                 b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
-            later, back = folded(tau + s), -w1
+            later, back = folded(tau + s), reflected(w1)
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             b.tau[i] = keep_or_take(go, later, tau)
             b.w[i] = keep_or_take(go, back, flight.w)
@@ -198,7 +200,17 @@ def carry(b, groups):
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
         sin0, cos0, sin1, cos1 = b.sin1[i], b.cos1[i], b.sin0[i], b.cos0[i]
         t1, q1, det = carried(
-            t0, q0, -b.w[i], b.bend[i], b.lost[i], sin0, cos0, sin1, cos1, b.inverse_delta[i], b.epsilon[i]
+            t0,
+            q0,
+            before_reflection(b.w[i]),
+            b.bend[i],
+            b.lost[i],
+            sin0,
+            cos0,
+            sin1,
+            cos1,
+            b.inverse_delta[i],
+            b.epsilon[i],
         )
         det1 = det0 * det
         b.t_tangent[i] = keep_or_take(go, t1, t0)
@@ -209,23 +221,23 @@ def carry(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Fly lane i by the search that cannot skip a crossing, unless it rests."""
+    """Fly lane i by the search that cannot skip a crossing, unless it is in contact that lasts."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
-    if rests(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
-        b.stuck[i], b.limit[i] = STUCK, -1.0
+    if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
+        b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
         return
     paths[SAFE] += 1
     status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, b.tau[i], flight, 0.5 * b.gap[i])
     if status != OK:
         b.stuck[i], b.limit[i] = status, -1.0
         return
-    bend = second_derivative(lost, cos1, flight)
+    bend = second_derivative(lost, sin1, cos1, flight)
     t0, q0, sin0, cos0 = b.t_tangent[i], b.w_tangent[i], flight.sin0, flight.cos0
     t, q, det = carried(t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon)
     b.t_tangent[i], b.w_tangent[i] = t, q
     b.determinant[i] *= det
     b.time[i] += s
-    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = folded(b.tau[i] + s), -w1, target, sin1, cos1
+    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = folded(b.tau[i] + s), reflected(w1), target, sin1, cos1
     b.n_plus[i] += 0.5 + 0.5 * target
     b.n_minus[i] += 0.5 - 0.5 * target
 

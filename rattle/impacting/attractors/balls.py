@@ -9,9 +9,11 @@ import math
 import numpy as np
 
 from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, placed, shrinks
+from rattle.flight.forcing import DRIFT, phase_at
+from rattle.flight.impact_law import before_reflection
 from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, SMOOTH, empty, ended, load, roughest
 from rattle.flight.lanes.stages import advance
-from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, Flight, decay64, versines
+from rattle.flight.law import LONGEST_DECAY, decay64, departing
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
@@ -53,8 +55,8 @@ def depart(b, work, group, i, level, few, centres):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)
         tau, v = placed(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
-        versine, b.sin0[lane], _defect = versines(tau)
-        b.tau[lane], b.w[lane], b.wall[lane], b.cos0[lane] = tau, -v, 1.0, 1.0 - versine
+        b.sin0[lane], b.cos0[lane] = phase_at(tau)
+        b.tau[lane], b.w[lane], b.wall[lane] = tau, -v, 1.0
         b.n_plus[lane], b.n_minus[lane], b.stuck[lane] = 0.0, 0.0, 0.0
         b.limit[lane] = centres.n_plus[i] if v > 0.0 else -1.0
         work.a[lane], work.b[lane], work.c[lane], work.d[lane] = 1.0, 0.0, 0.0, 1.0
@@ -74,9 +76,9 @@ def fly(memory, work, groups, force, paths):
         if b.delta[i] * b.time[i] > LONGEST_DECAY:
             work.lost[i] = -math.expm1(-b.delta[i] * b.time[i])
     for i in range(GROUP * groups):
-        sin0, delta, epsilon, w = work.sin0[i], b.delta[i], b.epsilon[i], work.w[i]
-        flight = Flight(w, DRIFT - TWO_PI * epsilon * sin0 - w, sin0, work.cos0[i], delta, epsilon)
-        k00, k01, k10, k11 = flight_tangent(-b.w[i], work.lost[i], b.sin0[i], b.cos0[i], flight)
+        flight = departing(work.w[i], work.sin0[i], work.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
+        w1 = before_reflection(b.w[i])
+        k00, k01, k10, k11 = flight_tangent(w1, work.lost[i], b.sin0[i], b.cos0[i], flight)
         flew, a0, b0, c0, d0 = b.time[i] > 0.0, work.a[i], work.b[i], work.c[i], work.d[i]
         work.a[i] = k00 * a0 + k01 * c0 if flew else a0
         work.b[i] = k00 * b0 + k01 * d0 if flew else b0

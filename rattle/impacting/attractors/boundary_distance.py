@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.samples import LEFT, ORBIT, QUIET
-from rattle.attractors.speeds import SpeedLimit, sampled_speeds
-from rattle.attractors.table import MOST_SAMPLES
+from rattle.attractors.samples import Outcome
+from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, sampled_speeds
 from rattle.errors import parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
@@ -26,6 +25,7 @@ from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol
 from rattle.orbits.iterates import fold
+from rattle.parameters import Parameters
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
@@ -80,13 +80,14 @@ class _Cells:
         self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
         self.sampled = self.strip_and_plane(n)
         tau, v = (each.copy() for each in self.sampled)
-        self.classifier = ImpactingClassifier.classify((delta, epsilon, beta), tau, v)
+        at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
+        self.classifier = ImpactingClassifier.classify(at, tau, v)
         status, impacts = self.classifier.status, self.classifier.impacts
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
-        settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
+        settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
         most = MOST_IMPACTS * self.longer
         self.chaos &= PATIENCE * settled <= most  # else what is left may be on its way to rest
-        captured = np.where(status == ORBIT, impacts, 0).max(axis=1)
+        captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
         self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
@@ -100,8 +101,8 @@ class _Cells:
     def sample(self) -> None:
         """Keep the lowest of the sample that go away, and of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
-        away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
-        self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
+        away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
+        self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
         self.keep(tau, np.where(away, v, np.inf))
         self.look_back(away, tau, v)
 
@@ -114,7 +115,7 @@ class _Cells:
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
         """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
         status = self.classifier.settled(cell, tau, v, times * self.most[cell])
-        return (status == ORBIT) | ((status == LEFT) & self.chaos[cell])
+        return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
         """The lowest of these states and of those kept, apart in phase: v inf where a state does not count."""
@@ -132,7 +133,7 @@ class _Cells:
         cell, p = cell[fresh], p[fresh]
         each = np.clip(EDGES // np.maximum(balls.n[cell], 1), FEWEST_EDGES, MOST_EDGES)
         angle = 2 * np.pi * (np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)) / np.repeat(each, each)
-        tau, v, a, b, d = (np.repeat(x[cell, p], each) for x in (balls.tau, balls.v, *balls[4:]))
+        tau, v, a, b, d = (np.repeat(x[cell, p], each) for x in (balls.tau, balls.v, balls.c00, balls.c01, balls.c11))
         y = np.sin(angle) / np.sqrt(d - b * b / a)
         x = (np.cos(angle) - b / np.sqrt(a) * y) / np.sqrt(a)
         self.balls = balls.n.copy()

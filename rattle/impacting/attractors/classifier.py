@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,21 +10,28 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.ball import Centres
 from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
-from rattle.attractors.samples import Samples
-from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
-from rattle.errors import parameters
-from rattle.flight.law import TWO_PI
+from rattle.attractors.samples import Trajectories
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
+from rattle.attractors.table import AttractorTable, of_samples
+from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import stable_cells
+from rattle.parameters import Parameters
 
 
-def cells_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64]) -> Cells:
-    """Cells with these parameters (n,), as kernels take them."""
+def cells_of(parameters: Parameters) -> Cells:
+    """Return cells with these parameters (n,), as kernels take them."""
+    delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
     return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+
+
+def quiet_invariant(parameters: Parameters) -> float:
+    """Return the largest v³/g that is certain to become quiet at the first of these points."""
+    point = parameters.point()
+    return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
 
 class ImpactingClassifier(Classifier):
@@ -36,26 +42,24 @@ class ImpactingClassifier(Classifier):
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         with np.errstate(over="ignore"):  # of a subnormal δ
-            self._roughness = cells.epsilon * np.hypot(TWO_PI, cells.delta) / cells.delta
+            self._roughness = Forcing(cells.epsilon).relative_swing(cells.delta)
         super().__init__(cells, tau, v, budget)
 
     model = "impacting"
     cells_of = staticmethod(cells_of)
-    quiet_invariant = staticmethod(capture_invariant)
+    quiet_invariant = staticmethod(quiet_invariant)
 
     @classmethod
-    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Cells:
+    def cells_of_orbits(cls, parameters: Parameters) -> Cells:
         """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
-        delta, epsilon, beta = parameters
-        return Cells(delta, epsilon, beta, np.zeros(delta.size))
+        return Cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
-        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+        parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """See `Classifier`; a trajectory that becomes quiet goes on bouncing."""
-        delta, epsilon, beta = parameters
-        moved = iterate(delta, epsilon, tau, v, returns, beta)
+        moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
     @property
@@ -71,19 +75,21 @@ class ImpactingClassifier(Classifier):
         if most > ROOM:
             found = stable_cells(delta, epsilon, beta, most)
             self.make_room(most)
-        remember_period_one(*found, self.cells, self.orbits)
+        n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
+        remember_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())
         self.grow_balls()
 
     def enlarge(self, centres: Centres) -> None:
         """Find the radii of these balls of capture, in lanes."""
         enlarge(self._block, centres, self.cells)
 
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples to their ends or limits."""
         flights = CHUNK if early else LONG_CHUNK
-        settle(self._block, self.alike(which, samples), flights, self.cells, samples, self.balls, self.paths)
+        which, tables = self.alike(which, samples), (samples.for_kernels(), self.balls.for_kernels())
+        settle(self._block, which, flights, self.cells, *tables, self.paths)
 
-    def alike(self, which: NDArray[np.int64], samples: Samples) -> NDArray[np.int64]:
+    def alike(self, which: NDArray[np.int64], samples: Trajectories) -> NDArray[np.int64]:
         """These samples in an order in which neighbours need the same stages of a flight: lanes share them."""
         return which[np.argsort(-self._roughness[samples.cell[which]], kind="stable")]
 
@@ -91,7 +97,8 @@ class ImpactingClassifier(Classifier):
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        measure(self._block, which, least, periods, self.cells, self.samples, self.balls, *seen, self.paths)
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 
 
 def attractors_of(
@@ -104,10 +111,11 @@ def attractors_of(
     budget: int = BUDGET,
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
-) -> Attractors:
+) -> AttractorTable:
     """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
     a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max). Raises ParameterError.
     """
-    return of_samples(ImpactingClassifier, parameters(delta, epsilon, beta), count, v_max, seed, budget, tau, v_min)
+    sample = SampleSpec(count, v_max, seed, budget, tau, v_min)
+    return of_samples(ImpactingClassifier, Parameters.of(ImpactingClassifier.model, delta, epsilon, beta), sample)

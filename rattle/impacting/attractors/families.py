@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from rattle.attractors.classify import BUDGET
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.families.join import families_over
 from rattle.families.table import Families
 from rattle.impacting.attractors.classifier import ImpactingClassifier
@@ -27,4 +27,4 @@ def families_of(
     states. count, v_max, seed and budget: of the samples, as in `attractors_of`. docs/families.md has what is meant.
     Raises ParameterError.
     """
-    return families_over(ImpactingClassifier, delta, epsilon, {"beta": beta}, count, v_max, seed, budget)
+    return families_over(ImpactingClassifier, delta, epsilon, {"beta": beta}, SampleSpec(count, v_max, seed, budget))

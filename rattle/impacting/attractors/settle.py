@@ -9,18 +9,9 @@ sample. What becomes of a sample depends on its cell's known orbits and on nothi
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import (
-    ALIGNMENT,
-    FAILED,
-    LEFT,
-    ORBIT,
-    QUIET,
-    RECURRENCE,
-    RECURRENT,
-    capturing_orbit,
-    mark,
-    top_speed,
-)
+from rattle.attractors.samples import ALIGNMENT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
+from rattle.flight.contact_phase import is_captured
+from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
@@ -34,7 +25,7 @@ from rattle.flight.lanes.block import (
     stretched,
 )
 from rattle.flight.lanes.stages import advance
-from rattle.flight.law import DRIFT, contact_force, speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import between, point_of
@@ -54,19 +45,19 @@ class Cells(NamedTuple):
 
 
 @inline
-def is_captured(b, i, capture):
-    """True if the bounce of lane i, on Σ⁺, is certain to become quiet (`rattle.impacting.map.quiet`)."""
-    delta, epsilon, v = b.delta[i], b.epsilon[i], -b.w[i]
-    return v * v * v <= capture * contact_force(b.sin0[i], b.cos0[i], delta, epsilon, DRIFT)
+def is_quiet(b, i, largest_invariant):
+    """True if the bounce of lane i, on Σ⁺, is certain to become quiet."""
+    force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
+    return is_captured(-b.w[i], force, largest_invariant)
 
 
 @inline
 def fate(b, i, cell, cells, balls):
     """What has become of lane i, on Σ⁺: (status, orbit)."""
-    if is_captured(b, i, cells.quiet_invariant[cell]):
-        return QUIET, -1
+    if is_quiet(b, i, cells.quiet_invariant[cell]):
+        return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
-    return (ORBIT, orbit) if orbit >= 0 else (LEFT, -1)
+    return (Outcome.PERIODIC, orbit) if orbit >= 0 else (Outcome.UNRESOLVED, -1)
 
 
 @inline
@@ -103,17 +94,17 @@ def recurs(b, i, k, samples):
 
 @inline
 def look(b, i, k, cells, samples, balls):
-    """What has become of sample k on lane i, or LEFT while it goes on: (status, orbit, ended)."""
+    """What has become of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate(b, i, samples.cell[k], cells, balls)
-        if status != LEFT:
+        if status != Outcome.UNRESOLVED:
             return status, orbit, True
     if b.stuck[i] > 0.0:
-        return FAILED, -1, True
+        return Outcome.FAILED, -1, True
     if b.wall[i] > 0.0 and recurs(b, i, k, samples):
-        return RECURRENT, -1, True
-    return LEFT, -1, over
+        return Outcome.RECURRENT, -1, True
+    return Outcome.UNRESOLVED, -1, over
 
 
 @inline
@@ -136,7 +127,7 @@ def looked_round(b, groups, fresh, which, cells, samples, balls):
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
     """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
-    impacts is LEFT.
+    impacts is UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)

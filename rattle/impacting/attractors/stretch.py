@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
+from rattle.flight.impact_law import before_reflection, impulse_of
 from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, empty, load, made_ready, roughest
 from rattle.flight.lanes.stages import advance
-from rattle.impacting.attractors.settle import is_captured
+from rattle.impacting.attractors.settle import is_quiet
 from rattle.impacting.map.iterate import working_block
 from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS, SPEED, SQUARE, TIME
 from rattle.numerics.compile import inline, kernel
@@ -22,10 +23,10 @@ LOOKS = 4 * BATCHES  # of a stretch, where damping is strong: some 1000 forcing 
 def gather(b, groups, speeds, squares, impulses, fastest):
     """Add the impacts that have just been made."""
     for i in range(GROUP * groups):
-        speed = abs(b.w[i])
+        speed = abs(before_reflection(b.w[i]))
         speeds[i] += speed
         squares[i] += speed * speed
-        impulses[i] += 2.0 * b.wall[i] * speed
+        impulses[i] += b.wall[i] * impulse_of(speed)
         fastest[i] = max(fastest[i], speed)
 
 
@@ -52,12 +53,12 @@ def fly(memory, lanes, cell, tau, v, looks, cells, sums, paths):
                 row[FASTEST] = max(row[FASTEST], fastest[i])
                 b.time[i], b.n_plus[i], b.n_minus[i] = 0.0, 0.0, 0.0
                 b.looks[i] += 1.0
-                rests = b.stuck[i] > 0.0
+                in_contact = b.stuck[i] > 0.0
                 if b.wall[i] > 0.0:
-                    rests |= is_captured(b, i, cells.quiet_invariant[cell[k]])
-                if rests:
+                    in_contact |= is_quiet(b, i, cells.quiet_invariant[cell[k]])
+                if in_contact:
                     sums[k] = math.nan
-                if rests or b.looks[i] >= looks[k]:
+                if in_contact or b.looks[i] >= looks[k]:
                     b.who[i], b.limit[i] = -1, -1.0
             if b.who[i] < 0 and fresh < cell.size:
                 c = cell[fresh]

@@ -16,7 +16,7 @@ from rattle.continuation.curves import (
     window_range,
 )
 from rattle.errors import RattleError, require, require_integer, require_number, require_one_of
-from rattle.flight.between import TWO_PI
+from rattle.flight.forcing import Forcing, phase_of_least_force
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.bifurcations.registry import CURVES, NAMES, Definition
@@ -147,10 +147,7 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
     """Where the contact force on Σ⁺ just reaches 0: x = (phase, δ, ε), force and its derivative vanish."""
 
     def equations(x: Array) -> Array:
-        phase, delta, epsilon = TWO_PI * x[..., 0], x[..., 1], x[..., 2]
-        sine, cosine = np.sin(phase), np.cos(phase)
-        force = 2 * delta - epsilon * (TWO_PI * cosine + delta * sine)
-        return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
+        return Forcing(x[..., 2]).touch(x[..., 0], x[..., 1])
 
-    guesses = (np.array([np.arctan2(d, TWO_PI) / TWO_PI, d, float(quiet_limit(d))]) for d in dampings)
+    guesses = (np.array([phase_of_least_force(float(d)), d, float(quiet_limit(d))]) for d in dampings)
     return limit_of_contact(beta, Problem(equations, scale=scale_at), guesses, window)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import Problem
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, runs
@@ -21,6 +21,7 @@ from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters
+from rattle.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -29,26 +30,25 @@ class ImpactingMotions(Motions):
 
     classifier = ImpactingClassifier
 
-    def steps(self, position: Array) -> tuple[Array, ...]:
+    def steps(self, position: Array) -> Parameters:
         """See `Motions`."""
         delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
-        return delta, epsilon, np.full_like(delta, self.beta)
+        return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
-    def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
+    def period_one(self, steps: Parameters) -> Iterator[Motion]:
         """One of each wherever they begin or end to exist."""
-        orbits = period_one(*steps)
+        orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in runs(np.flatnonzero(exists)):
                 k = int(run[run.size // 2])
-                found = self.near(tuple(float(x[k]) for x in steps), float(tau[k]), float(v[k]), 1)
+                found = self.near(steps.point(k), float(tau[k]), float(v[k]), 1)
                 if found is not None:
                     yield found
 
-    def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
+    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
         """See `Motions`; None also where rounding does not let it be one."""
-        delta, epsilon, beta = step
         try:
-            itinerary, x = follow_impacts(delta, epsilon, beta, tau, v, n_plus)
+            itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:
             return None
         solved = at_parameters(itinerary, x)
@@ -106,4 +106,4 @@ def diagram(
     """
     beta = require_number("beta", beta, positive=True)
     segment = Segment(require_end("start", start), require_end("end", end))
-    return diagram_of(ImpactingMotions(segment, beta), beta, steps, count, v_max, impacts, most, seed)
+    return diagram_of(ImpactingMotions(segment, beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed))

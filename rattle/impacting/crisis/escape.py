@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import begun
-from rattle.attractors.samples import LEFT, QUIET
+from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
-from rattle.flight.law import DRIFT
+from rattle.flight.forcing import DRIFT
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.crisis.contact import Crisis
 from rattle.impacting.map.impact_map import impact_tangent
@@ -24,6 +24,7 @@ from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.iterates import fold
 from rattle.orbits.saddles import Array
+from rattle.parameters import Parameters
 
 Flags = NDArray[np.bool_]
 NEAREST = 1e-7  # distance from A in (τ, v) at which the samples begin
@@ -117,13 +118,14 @@ class Followed:
         self.s = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
         tau, v = fold(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
         self.samples = begun(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
-        self.classifier = ImpactingClassifier(cells_of(a.delta, a.epsilon, a.beta), nothing, nothing)
+        at = Parameters(ImpactingClassifier.model, a.delta, a.epsilon, a.beta)
+        self.classifier = ImpactingClassifier(cells_of(at), nothing, nothing)
         self.classifier.settle(np.arange(cell.size), self.samples)
 
     @property
     def at_rest(self) -> Flags:
         """Which of them (n, count) are certain to come to rest."""
-        return np.asarray(self.samples.status.reshape(self.s.shape) == QUIET)
+        return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
@@ -150,12 +152,12 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
     """Share of the orbits of W^u(A) that are chaotic after so many impacts."""
     a = saddle_at(delta, epsilon, beta)
     found = Followed(a, WATCHED, a.first_excursion + settle)
-    left = found.samples.status == LEFT
+    left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0
     watched = iterate_tangent(delta, epsilon, found.samples.tau[left], found.samples.v[left], WATCH, beta)
     nothing, once = np.zeros(watched.v.size, np.int64), np.ones(watched.v.size, np.int64)
-    stay = found.classifier.settled(nothing, watched.tau, watched.v, once) == LEFT
+    stay = found.classifier.settled(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
     return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / WATCHED
 
 

@@ -2,7 +2,9 @@
 
 from rattle.errors import RattleError, require
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
-from rattle.flight.law import DRIFT, evaluate, folded, leaving
+from rattle.flight.forcing import DRIFT
+from rattle.flight.impact_law import reflected
+from rattle.flight.law import evaluate, folded, leaving
 
 
 def departure(
@@ -18,7 +20,7 @@ def departure(
         _require_found(status)
         wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, folded(tau + time), evaluate(time, flight)[1]
     while wall == SIGMA_MINUS:
-        status, time, wall, w, *_ = first_impact(wall, tau, -w, delta, epsilon, beta, DRIFT)
+        status, time, wall, w, *_ = first_impact(wall, tau, reflected(w), delta, epsilon, beta, DRIFT)
         _require_found(status)
         tau = folded(tau + time)
     return float(tau), max(float(w), 0.0)

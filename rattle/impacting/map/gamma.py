@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rattle.errors import require, require_number
 from rattle.flight.first_impact import OK, SIGMA_MINUS, first_impact
-from rattle.flight.law import DRIFT, contact_force, folded, versines
+from rattle.flight.forcing import DRIFT, contact_force, phase_at
+from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
@@ -75,8 +76,8 @@ def before_touch(touch, delta, epsilon, beta, tau, v):
     """
     for i in range(touch.size):
         v[i], tau[i] = -1.0, touch[i]
-        versine, sine, _defect = versines(touch[i])
-        if not contact_force(sine, 1.0 - versine, delta, epsilon, DRIFT) > 0.0:
+        sine, cosine = phase_at(touch[i])
+        if not contact_force(sine, cosine, delta, epsilon, DRIFT) > 0.0:
             continue
         status, time, wall, speed, _l, _flight, _s1, _c1 = first_impact(
             SIGMA_MINUS, folded(-touch[i]), 0.0, -delta, epsilon, beta, -DRIFT

@@ -7,9 +7,12 @@ arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse m
 import math
 from typing import NamedTuple
 
+from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES, is_captured, stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, contact_force, folded, versines
-from rattle.flight.tangent import MOST_BOUNCES, STUCK, flight_tangent, rests
+from rattle.flight.forcing import DRIFT, contact_force, phase_at
+from rattle.flight.impact_law import impulse_of, reflected
+from rattle.flight.law import folded
+from rattle.flight.tangent import flight_tangent
 from rattle.intensity.visit import bounce
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits.return_map import inverse_step, step, step_tangent
@@ -20,19 +23,19 @@ def impact(tau, v, delta, epsilon, beta, drift):
     """Π: (status, τ', v', elapsed time, Σ⁻ impacts on the way)."""
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     while True:
-        if rests(wall, w, tau, delta, epsilon, drift):
-            return STUCK, tau, abs(w), elapsed, n_minus
+        if stays_in_contact(wall, w, tau, delta, epsilon, drift):
+            return IN_CONTACT, tau, abs(w), elapsed, n_minus
         status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus
         elapsed += s
         tau = folded(tau + s)
-        w = -w1
+        w = reflected(w1)
         if wall > 0:
             return OK, tau, w1, elapsed, n_minus
         n_minus += 1
         if n_minus > MOST_BOUNCES:
-            return STUCK, tau, abs(w), elapsed, n_minus
+            return ENDLESS, tau, abs(w), elapsed, n_minus
 
 
 @kernel
@@ -45,14 +48,14 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
     while True:
-        if rests(wall, w, tau, delta, epsilon, drift):
-            return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
+        if stays_in_contact(wall, w, tau, delta, epsilon, drift):
+            return IN_CONTACT, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         w0 = w
         status, s, wall, w1, lost, flight, s1, c1 = first_impact(wall, tau, w0, delta, epsilon, beta, drift)
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         k00, k01, k10, k11 = flight_tangent(w1, lost, s1, c1, flight)
-        w = -w1
+        w = reflected(w1)
         if energy:  # e = w²/2: de = w dw
             k01, k10, k11 = k01 / w0, k10 * w, k11 * w / w0
         log_det += math.log(abs(k00 * k11 - k01 * k10))
@@ -64,7 +67,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
             break
         n_minus += 1
         if n_minus > MOST_BOUNCES:
-            return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
+            return ENDLESS, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
     if not energy:  # dv = −dw at both ends
         j01, j10 = -j01, -j10
     return OK, tau, w1, elapsed, n_minus, j00, j01, j10, j11, log_det
@@ -103,12 +106,12 @@ def _inverse_step(tau, v, point):
 
 @for_type(bounce, Point)
 def _bounce(wall, tau, w, point):
-    omc, sine, _defect = versines(tau)
-    force = contact_force(sine, 1.0 - omc, point.delta, point.epsilon, DRIFT)
-    captured = wall > 0 and abs(w * w * w) <= point.quiet_invariant * force
-    if captured or rests(wall, w, tau, point.delta, point.epsilon, DRIFT):
-        return STUCK, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
+    sine, cosine = phase_at(tau)
+    force = contact_force(sine, cosine, point.delta, point.epsilon, DRIFT)
+    captured = wall > 0 and is_captured(abs(w), force, point.quiet_invariant)
+    if captured or stays_in_contact(wall, w, tau, point.delta, point.epsilon, DRIFT):
+        return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
     status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(
         wall, tau, w, point.delta, point.epsilon, point.beta, DRIFT
     )
-    return status, s, wall, abs(w1), 0.0, 2.0 * abs(w1), abs(w1)
+    return status, s, wall, abs(w1), 0.0, impulse_of(abs(w1)), abs(reflected(w1))

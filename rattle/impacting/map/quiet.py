@@ -16,13 +16,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import DRIFT, TWO_PI, contact_force
+from rattle.flight.forcing import DRIFT, Forcing, contact_force, contact_force_rate, contact_force_swing, sampled_phases
 from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
 PHASES, ABREAST = 2048, 16  # phases; so many have a maximum of their own, as vector instructions want it
-COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
+SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18  # impacts; more below this damping, but no more than that
@@ -39,7 +39,7 @@ def largest_eta(delta):
 @kernel
 def invariant_of(delta, epsilon, beta, largest):
     """As `capture_invariant`; largest (ABREAST,) is worked in."""
-    smallest = 2.0 * TWO_PI * delta - TWO_PI * epsilon * math.hypot(TWO_PI, delta)
+    smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
     rate = max(math.pi, delta)
@@ -49,7 +49,7 @@ def invariant_of(delta, epsilon, beta, largest):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]
             g = max(contact_force(sine, cosine, delta, epsilon, DRIFT), smallest)
-            r = max(abs(TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)) / g, rate)
+            r = max(abs(contact_force_rate(sine, cosine, delta, epsilon)) / g, rate)
             largest[j] = max(largest[j], r * r * r / (g * g))
     fastest = 0.0
     for j in range(ABREAST):
@@ -85,7 +85,7 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
     """The same for flat arrays."""
-    smallest = 2 * TWO_PI * delta - TWO_PI * epsilon * np.hypot(TWO_PI, delta)
+    smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
 

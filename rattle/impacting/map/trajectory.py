@@ -2,9 +2,11 @@
 
 import math
 
+from rattle.flight.contact_phase import stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, evaluate, folded
-from rattle.flight.tangent import rests
+from rattle.flight.forcing import DRIFT
+from rattle.flight.impact_law import reflected
+from rattle.flight.law import evaluate, folded
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
@@ -20,7 +22,7 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
     wall, w, now, phase = SIGMA_PLUS, -v, 0.0, tau
     i, impacts = 0, 0
     while i < time.size:
-        if (wall > 0 and abs(w) < slowest) or rests(wall, w, phase, delta, epsilon, DRIFT):
+        if (wall > 0 and abs(w) < slowest) or stays_in_contact(wall, w, phase, delta, epsilon, DRIFT):
             phi[i:], velocity[i:] = wall * beta, 0.0
             return OK, impacts, now
         status, s, target, w1, _l, flight, _s1, _c1 = first_impact(wall, phase, w, delta, epsilon, beta, DRIFT)
@@ -32,7 +34,7 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
             i += 1
         if i == time.size:
             break
-        now, phase, wall, w = now + s, folded(phase + s), target, -w1
+        now, phase, wall, w = now + s, folded(phase + s), target, reflected(w1)
         if impacts < impact_time.size:
             impact_time[impacts], impact_wall[impacts], impact_speed[impacts] = now, wall, abs(w)
         impacts += 1

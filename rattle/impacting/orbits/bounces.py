@@ -7,7 +7,8 @@ below them nodes are unstable, above there are none (docs/decisions/0023-period-
 
 import math
 
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import phase_of_least_force, relative_force, relative_swing
+from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.circuits import keep, walk_round
 from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton
 from rattle.numerics.compile import kernel
@@ -27,7 +28,7 @@ def share_out(work, x):
     shares = work.shares
     shares[0] = 0.0
     for i in range(SECTIONS):
-        g = 1.0 - x * math.cos(math.pi * (i + 0.5) / SECTIONS)
+        g = relative_force(x, (i + 0.5) / SECTIONS)
         shares[i + 1] = shares[i] + max(g, WEAKEST) ** (2.0 / 3.0)
     for i in range(1, SECTIONS + 1):
         shares[i] /= shares[SECTIONS]
@@ -58,7 +59,7 @@ def node(n, least, work, delta, epsilon, beta):
     solved, at_one = newton(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:
         keep(work, n, delta, epsilon, beta)
-        return STABLE if at_one < 2.0 * (1.0 + math.exp(-delta)) else UNSTABLE
+        return STABLE if at_one < 2.0 * (1.0 + determinant(delta, 1.0, n)) else UNSTABLE
     before = work.n_found  # near the saddle-node or beyond it: look at all phases of a bounce
     space(work, n, -0.5, least)
     bounce = work.times[1] - work.times[0]
@@ -71,11 +72,11 @@ def node(n, least, work, delta, epsilon, beta):
 @kernel
 def find_bounces(work, delta, epsilon, beta):
     """Keep the stable P(1, n, 0) of a cell, 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG)."""
-    x = epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
+    x = relative_swing(delta, epsilon)
     strong = delta > STRONG
     if x < LEAST_AT_STRONG if strong else x >= 1.0:
         return
-    least = math.atan2(delta, TWO_PI) / TWO_PI
+    least = phase_of_least_force(delta)
     share_out(work, x)
     few = MOST_AT_STRONG if strong else ONE_BY_ONE
     n, state, unstable, none = 1, UNSTABLE, 1, MOST_IMPACTS + 1

@@ -6,6 +6,7 @@ orbits are the zeros of R_0 on it. The curve is a circuit: along it the first ti
 
 import math
 
+from rattle.flight.impact_law import determinant
 from rattle.flight.law import wrapped
 from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_if_admissible, moved, newton
 from rattle.numerics.compile import inline, kernel
@@ -42,7 +43,7 @@ def keep(work, n, delta, epsilon, beta):
     """Enter the orbit at these times if it is stable, 0 < p(1) < 2 (1 + e^(−δ)), and happens."""
     equations(work, n, delta, epsilon, beta)
     _value, _slope, at_one = eliminated(work, n)
-    most = 2.0 * (1.0 + math.exp(-delta))
+    most = 2.0 * (1.0 + determinant(delta, 1.0, n))
     if 0.0 < at_one < most:
         admissible, tau, v = fastest_if_admissible(work, n, delta, epsilon, beta)
         if admissible:

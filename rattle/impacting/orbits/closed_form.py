@@ -10,6 +10,9 @@ and the displacements if p(1 − Es) + q(1 − Er) = 4πδ and p(1 − Es)/δ = 
 
 At small damping and backlash p, q and s differ from 4π, 4π and 1/2 by as little as these are. So the family's
 parameter is σ, and p − 4π is computed, not p: no digits cancel, however small they are.
+
+These forms hold for the forcing of one cosine and elastic impacts (`forcing.Forcing.ONE_COSINE`): other gears solve the
+equations of `rattle.impacting.orbits.impact_times`.
 """
 
 import math
@@ -18,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, TWO_PI, Flight, folded, versines
+from rattle.flight.forcing import DRIFT, TWO_PI, versines
+from rattle.flight.law import departing, folded
 from rattle.flight.tangent import flight_tangent
 from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
@@ -197,8 +201,8 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
     omc, siny, _defect = versines(sigma)
     sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny  # half a turn from those of σ
     d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * r)
-    down = Flight(-v, DRIFT - TWO_PI * epsilon * sin0 + v, sin0, cos0, delta, epsilon)
-    up = Flight(u, DRIFT - TWO_PI * epsilon * sin1 - u, sin1, cos1, delta, epsilon)
+    down = departing(-v, sin0, cos0, delta, epsilon, DRIFT)
+    up = departing(u, sin1, cos1, delta, epsilon, DRIFT)
     a00, a01, a10, a11 = flight_tangent(-u, d1, sin1, cos1, down)
     b00, b01, b10, b11 = flight_tangent(v, d2, sin0, cos0, up)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11

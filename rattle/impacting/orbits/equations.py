@@ -5,9 +5,10 @@ s = t₁ − t₀, D the distance between the walls, L = 1 − e^(−δs) and C 
 
     w₀ = 4π − 2πε sin 2πt₀ − C          w₁ = 4π − 2πε sin 2πt₁ − C e^(−δs).
 
-An elastic impact turns the velocity of arrival into minus that of departure, so a motion with n impacts in m periods is
-n equations in n times, R_i = w₀ of flight i + w₁ of flight i − 1 = 0 with t_n = t₀ + m. Each equation holds three
-neighbouring times. A perturbation that grows by λ over the motion solves the same equations with t_n' = λ t₀', so
+An elastic impact turns the velocity of arrival into minus that of departure (`rattle.flight.impact_law`), so a motion
+with n impacts in m periods is n equations in n times, R_i = w₀ of flight i + w₁ of flight i − 1 = 0 with t_n = t₀ + m.
+Each equation holds three neighbouring times. A perturbation that grows by λ over the motion solves the same equations
+with t_n' = λ t₀', so
 
     det J(1) = 0 at a saddle-node,   det J(−1) = 0 at a flip,   w₁ = 0 at a graze,
 
@@ -22,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import Problem, line_scale
-from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between, turn
-from rattle.flight.law import TWO_PI
+from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between
+from rattle.flight.forcing import analytic_phase
+from rattle.flight.impact_law import arrival_part, impact_mismatch
 from rattle.numerics.compile import kernel
 from rattle.numerics.complex_step import Array, batch_of, like
 from rattle.orbits.period_one import multipliers_of
@@ -38,26 +40,26 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
         delta, epsilon = x[j, n], x[j, n + 1]
-        first = turn(TWO_PI * x[j, 0])
+        first = analytic_phase(x[j, 0])
         turn1 = first
         for i in range(n):
             turn0, t1 = turn1, x[j, 0] + m
             if i < n - 1:
                 t1 = x[j, i + 1]
-                turn1 = turn(TWO_PI * t1)
+                turn1 = analytic_phase(t1)
             else:
                 turn1 = first
             found = flight_between(x[j, i], t1, turn0, turn1, gaps[i], delta, epsilon)
             for part in range(6):
                 flights[part, j, i] = found[part]
         for i in range(n):
-            residual[j, i] = flights[W0, j, i] + flights[W1, j, i - 1]
+            residual[j, i] = impact_mismatch(flights[W1, j, i - 1], flights[W0, j, i])
         for i in range(size):
             after, later = (i + 1, 1.0 + 0j) if i < n - 1 else (0, multiplier)
             pull = flights[PULL, j, i]
-            matrix[j, i, i] += flights[W0_T0, j, i] + flights[W1_T1, j, i - 1]
+            matrix[j, i, i] += impact_mismatch(flights[W1_T1, j, i - 1], flights[W0_T0, j, i])
             matrix[j, i, after] -= pull * flights[W1, j, i] * later  # ∂w₀/∂t₁
-            matrix[j, after, i] += np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later)  # ∂w₁/∂t₀
+            matrix[j, after, i] += arrival_part(np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later))
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class Itinerary(Equations):
         return Flights(*self._solved(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
-        """R (…, n): zero where every impact is elastic."""
+        """R (…, n): zero where every impact obeys the impact law."""
         return self._solved(x)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
@@ -114,8 +116,8 @@ class Itinerary(Equations):
                 t_t, t_w = -flights.w0_t0[i] / after[i], 1.0 / after[i]
                 w_t = flights.decay[i] * flights.pull[i] * flights.w0[i] + flights.w1_t1[i] * t_t
                 w_w = flights.w1_t1[i] * t_w
-                energy = [[t_t, t_w / flights.w0[i]], [w_t * flights.w1[i], w_w * flights.w1[i] / flights.w0[i]]]
-                product = np.array(energy) @ product
+                e_t, e_w = (self.law.energy_change(flights.w1[i], change) for change in (w_t, w_w))
+                product = np.array([[t_t, t_w / flights.w0[i]], [e_t, e_w / flights.w0[i]]]) @ product
         return product
 
     def trace(self, x: Array) -> float:
@@ -140,4 +142,5 @@ def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None
     """
     if grazed is not None:
         itinerary, x = itinerary.without(grazed), np.delete(x, grazed)
-    return multipliers_of(itinerary.trace(x), np.exp(-x[itinerary.n] * itinerary.m))
+    determinant = itinerary.law.determinant(x[itinerary.n], itinerary.m, itinerary.n)
+    return multipliers_of(itinerary.trace(x), determinant)

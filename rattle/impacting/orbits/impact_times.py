@@ -10,7 +10,9 @@ import math
 import numpy as np
 
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, decay64, folded, versines
+from rattle.flight.forcing import DRIFT, drop, phase_at, plus_acceleration, plus_slope, slowing, turned, versines
+from rattle.flight.impact_law import arrival_part
+from rattle.flight.law import LONGEST_DECAY, decay64, folded
 from rattle.numerics.compile import inline, kernel
 
 SAME_TIME = 1e-6  # a recomputed flight time this close to the motion's is the same flight
@@ -49,13 +51,13 @@ def flight_between(s, sin0, cos0, gap, delta, epsilon):
 
     F(s) = gap, with F of `rattle.flight.law`, is linear in w.
     """
-    omc, siny, defect = versines(s)
+    step = versines(s)
     x = delta * s
     k = x * decay64(x) if x <= LONGEST_DECAY else 1.0 + math.expm1(-x) / x
-    rest = DRIFT - TWO_PI * epsilon * sin0
-    w0 = (gap + epsilon * (cos0 * omc - sin0 * defect) - rest * s * k) / (s * (1.0 - k))
+    rest = plus_slope(DRIFT, sin0, cos0, epsilon)
+    w0 = (gap + drop(step, sin0, cos0, epsilon) - rest * s * k) / (s * (1.0 - k))
     lost = x * (1.0 - k)
-    w1 = w0 + (rest - w0) * lost - TWO_PI * epsilon * (cos0 * siny - sin0 * omc)
+    w1 = w0 + (rest - w0) * lost - slowing(turned(step, sin0, cos0)[0], epsilon)
     return w0, w1, lost
 
 
@@ -69,10 +71,8 @@ def following(i, n):
 def equations(work, n, delta, epsilon, beta):
     """Residuals and their derivatives; True if each flight leaves its wall into the gap and arrives from there."""
     walls, times, at = work.walls, work.times, work.at
-    force = TWO_PI * TWO_PI * epsilon
     for i in range(n):
-        omc, work.sines[i], _defect = versines(times[i])
-        work.cosines[i] = 1.0 - omc
+        work.sines[i], work.cosines[i] = phase_at(times[i])
         work.residual[i], at[i] = 0.0, 0.0
     real = True
     for i in range(n):
@@ -82,12 +82,13 @@ def equations(work, n, delta, epsilon, beta):
         w0, w1, lost = flight_between(s, work.sines[i], work.cosines[i], gap, delta, epsilon)
         real = real and w0 * walls[i] < 0.0 and w1 * walls[j] > 0.0
         pull, decay = delta / lost, 1.0 - lost
-        c = DRIFT - TWO_PI * epsilon * work.sines[i] - w0
+        sin0, cos0, sin1, cos1 = work.sines[i], work.cosines[i], work.sines[j], work.cosines[j]
+        c = plus_slope(DRIFT, sin0, cos0, epsilon) - w0
         work.residual[i] += w0
-        work.residual[j] += w1
-        at[i] += w0 * pull + delta * c - force * work.cosines[i]
-        at[j] += (delta * c - w1 * pull) * decay - force * work.cosines[j]
-        work.after[i], work.before[j] = -pull * w1, decay * pull * w0
+        work.residual[j] += arrival_part(w1)
+        at[i] += plus_acceleration(w0 * pull + delta * c, sin0, cos0, epsilon)
+        at[j] += arrival_part(plus_acceleration((delta * c - w1 * pull) * decay, sin1, cos1, epsilon))
+        work.after[i], work.before[j] = -pull * w1, arrival_part(decay * pull * w0)
     return real
 
 
@@ -165,8 +166,8 @@ def fastest_if_admissible(work, n, delta, epsilon, beta):
         j, later = following(i, n)
         wall, t = work.walls[i], folded(work.times[i])
         s, gap = work.times[j] + later - work.times[i], beta * (work.walls[j] - wall)
-        omc, sin0, _defect = versines(t)
-        w0, _w1, _lost = flight_between(s, sin0, 1.0 - omc, gap, delta, epsilon)
+        sin0, cos0 = phase_at(t)
+        w0, _w1, _lost = flight_between(s, sin0, cos0, gap, delta, epsilon)
         if not wall * w0 < 0.0:
             return False, tau, v
         status, time, met, _w, _d, _f, _s1, _c1 = first_impact(wall, t, w0, delta, epsilon, beta, DRIFT)

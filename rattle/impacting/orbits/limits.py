@@ -2,7 +2,8 @@
 
 All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape. The quiet limit holds
 everywhere. The other two solve the equations of A and C, whose motion may have to pass Σ⁻ there:
-`rattle.impacting.orbits.period_one` has them where they hold.
+`rattle.impacting.orbits.period_one` has them where they hold. All three are formulas for the forcing of one cosine,
+SN1 and the flip for elastic impacts too.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import real_array, require
+from rattle.flight.forcing import quiet_size
 from rattle.numerics.compile import inline
 
 SMALL = 0.05  # damping below which the series of `sine_offset` is exact to rounding
@@ -54,4 +56,4 @@ def flip_formula(delta: ArrayLike) -> FloatArray:
 def quiet_limit(delta: ArrayLike) -> FloatArray:
     """Largest ε with permanent contact: 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt > 0 for all t iff ε < 2δ/√(4π² + δ²)."""
     d = _damping(delta)
-    return 2 * d / np.hypot(2 * np.pi, d)
+    return quiet_size(d)

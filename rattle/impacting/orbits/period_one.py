@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import parameters, require_one_of
+from rattle.flight.impact_law import ELASTIC
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.orbits.period_one import N_MINUS, NAMES, MissingLimit, Orbit, PeriodOne, classify, multipliers_of
@@ -42,7 +43,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
     d, _, b = parameters(delta, 0.0, beta)
     flat = closed_form.grazing_cells(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
-    multipliers = multipliers_of(trace, np.exp(-d))
+    multipliers = multipliers_of(trace, ELASTIC.determinant(d, 1, 1))
     multipliers[:, np.isnan(epsilon)] = complex(np.nan, np.nan)
     return Grazing(epsilon, tau, np.where(np.isnan(epsilon), np.nan, 2 * np.pi * d), multipliers)
 
@@ -60,7 +61,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     d, e, b = (np.array(x, order="C").ravel() for x in (d, e, b))
     order = np.lexsort((d, b))
     exists, tau, v, trace = closed_form.period_one_cells(order, d, e, b, sine_offset(d))
-    decay = np.exp(-d)
+    decay = ELASTIC.determinant(d, 1, 1)
     multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
     multipliers[~exists[:, None].repeat(2, axis=1)] = complex(np.nan, np.nan)
     with np.errstate(invalid="ignore"):

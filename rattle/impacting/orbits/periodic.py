@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
-from rattle.flight import first_impact, law
+from rattle.flight import first_impact, forcing, impact_law, law
 from rattle.impacting.map.impact_map import Point
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
@@ -102,7 +102,7 @@ def _impact(
     wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
 ) -> tuple[int, float, int, float]:
     """Status, flight time, wall and velocity of the first impact of a flight."""
-    found = first_impact.first_impact(wall, float(law.folded(time)), w, delta, epsilon, beta, law.DRIFT)
+    found = first_impact.first_impact(wall, float(law.folded(time)), w, delta, epsilon, beta, forcing.DRIFT)
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
 
@@ -116,7 +116,7 @@ def follow_impacts(
         status, s, wall, w1 = _impact(wall, time, w, delta, epsilon, beta)
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
             raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it comes to rest or impacts without end")
-        time, w = time + s, -w1
+        time, w = time + s, impact_law.reflected(w1)
         left -= wall == 1
         if left == 0:
             m = max(round(time - tau), 1)

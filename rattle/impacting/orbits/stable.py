@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import phase_of_least_force, relative_swing
+from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.bounces import find_bounces
 from rattle.impacting.orbits.circuits import CLOSED, LOST, enter, keep, walk_round
 from rattle.impacting.orbits.closed_form import single_impact_orbit
@@ -87,11 +88,11 @@ def find_single(single, others, least, work, delta, epsilon, beta):
 def find_stable(work, delta, epsilon, beta, offset):
     """Keep all stable orbits of period one of a cell."""
     exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
-    if exists and abs(trace) < 1.0 + math.exp(-delta):
+    if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
         enter(1.0, 0.0, tau, v, trace, work)
-    least = math.atan2(delta, TWO_PI) / TWO_PI
+    least = phase_of_least_force(delta)
     find_crossings(least, work, delta, epsilon, beta)
-    x, gap = epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta), beta / delta
+    x, gap = relative_swing(delta, epsilon), beta / delta
     for others in range(2, MOST_ON_ONE_WALL + 1):
         if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
             find_single(SIGMA_MINUS, others, least, work, delta, epsilon, beta)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
+from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import Flight, Plane, require_first, sign
 
@@ -166,9 +167,7 @@ def _time(plane: Plane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
     """When the flight of the middle ends, in a small ball."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers
-    status, length, met, _ = first_impact.first_impact(
-        wall, float(law.folded(t0)), w0, delta, epsilon, beta, law.DRIFT
-    )[:4]
+    status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
         raise NotProvedError("the middle of a set meets other walls")
     time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres, enlarge_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, Seen
-from rattle.attractors.samples import Samples
-from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors, of_samples
-from rattle.errors import parameters
+from rattle.attractors.samples import Trajectories
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
+from rattle.attractors.table import AttractorTable, of_samples
+from rattle.parameters import Parameters
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
 from rattle.stiff.map.iterate import returned
 from rattle.stiff.map.quiet import quiet_limit
 
 
-def cells_of(
-    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], kappa: NDArray[np.float64]
-) -> StiffCells:
-    """Cells with these parameters (n,), as kernels take them."""
+def cells_of(parameters: Parameters) -> StiffCells:
+    """Return cells with these parameters (n,), as kernels take them."""
+    delta, epsilon, kappa = parameters.delta, parameters.epsilon, parameters.added["kappa"]
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
-    return StiffCells(delta, epsilon, beta, rests, kappa)
+    return StiffCells(delta, epsilon, parameters.beta, rests, kappa)
 
 
 class StiffClassifier(Classifier):
@@ -35,17 +31,17 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def iterated(
-        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+        parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """See `Classifier`."""
-        each = [np.full(tau.size, x) for x in parameters]
+        each = [np.full(tau.size, x) for x in parameters.named.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
         returned(tau, v, np.full(tau.size, float(returns)), *each, quiet, *counts)
         return tau, v, quiet > 0
 
     @staticmethod
-    def quiet_invariant(*parameters: float) -> float:  # noqa: ARG004
+    def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
         """No speed above 0 is sure to become quiet: contact tells."""
         return 0.0
 
@@ -61,15 +57,16 @@ class StiffClassifier(Classifier):
         """Find the radii of these balls of capture."""
         enlarge_one_by_one(centres, self.cells)
 
-    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:  # noqa: ARG002
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow these samples to their ends or limits: every return is looked at, early or not."""
-        settle(which, self.cells, samples, self.balls)
+        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
 
 def attractors_of(
@@ -83,9 +80,9 @@ def attractors_of(
     budget: int = BUDGET,
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
-) -> Attractors:
+) -> AttractorTable:
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    cells = parameters(delta, epsilon, beta, kappa=kappa)
-    return of_samples(StiffClassifier, cells, count, v_max, seed, budget, tau, v_min)
+    cells = Parameters.of(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
+    return of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from rattle.attractors.classify import BUDGET
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.families.join import families_over
 from rattle.families.table import Families
 from rattle.stiff.attractors.classifier import StiffClassifier
@@ -23,4 +23,4 @@ def families_of(
 ) -> Families:
     """As `rattle.families_of`. Raises ParameterError."""
     gear = {"beta": beta, "kappa": kappa}
-    return families_over(StiffClassifier, delta, epsilon, gear, count, v_max, seed, budget)
+    return families_over(StiffClassifier, delta, epsilon, gear, SampleSpec(count, v_max, seed, budget))

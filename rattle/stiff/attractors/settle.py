@@ -8,18 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import (
-    ALIGNMENT,
-    FAILED,
-    LEFT,
-    ORBIT,
-    QUIET,
-    RECURRENCE,
-    RECURRENT,
-    capturing_orbit,
-    mark,
-    top_speed,
-)
+from rattle.attractors.samples import ALIGNMENT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import for_type, inline, kernel
@@ -69,14 +58,14 @@ def looked(tau, v, n, k, reference, samples, balls, unit):
     """What has become of sample k after n returns: (status, orbit, reference)."""
     orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
-        return ORBIT, orbit, reference
+        return Outcome.PERIODIC, orbit, reference
     near = abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE
     if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = n - reference.n
-        return RECURRENT, -1, reference
+        return Outcome.RECURRENT, -1, reference
     if n >= reference.following:
-        return LEFT, -1, Reference(tau, v, n, 2 * reference.following)
-    return LEFT, -1, reference
+        return Outcome.UNRESOLVED, -1, Reference(tau, v, n, 2 * reference.following)
+    return Outcome.UNRESOLVED, -1, reference
 
 
 @inline
@@ -90,12 +79,12 @@ def finish(tau, v, n, total, k, status, orbit, samples):
 @inline
 def ended_with(code):
     """What a return that does not come back says of its sample."""
-    return QUIET if code == flow.QUIET else FAILED
+    return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow the samples `which` until they end; a sample that makes all its returns is LEFT."""
+    """Follow the samples `which` until they end; a sample that makes all its returns is UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -103,7 +92,7 @@ def settle(which, cells, samples, balls):
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         reference = begun(tau, v)
         status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        while status == LEFT and samples.impacts[k] + n < samples.limit[k]:
+        while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
                 status = ended_with(code)
@@ -128,7 +117,7 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
         most = float(samples.limit[k] - samples.impacts[k])
         reference = begun(tau, v)
         status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        while status == LEFT:
+        while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
             if share >= 1.0:

@@ -13,7 +13,8 @@ from rattle.continuation.arclength import Problem
 from rattle.continuation.conditions import Kind, condition, scale_at
 from rattle.continuation.curves import Curve, Described, Window, limit_of_contact, spread_between, traced, window_range
 from rattle.errors import RattleError, require_number, require_one_of
-from rattle.flight.between import TWO_PI
+from rattle.flight.forcing import TWO_PI
+from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
 from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, is_admissible, softness, struck, trace_of
@@ -121,7 +122,7 @@ def _flips(name: str, family: Family) -> list[Array]:
     """The flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
-    flip, found = 1.0 + np.exp(-family.cycle.delta), []
+    flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
     edges = [0, *family.folds.tolist(), len(family.points) - 1]
     for i, letter in enumerate(family.letters):
         if letter != ("C" if name == "PDC" else "D"):

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import Problem
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
+from rattle.parameters import Parameters
 from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.bifurcations.branches import both_ways, doubled
 from rattle.stiff.bifurcations.line import MotionsOnLine
@@ -33,26 +34,25 @@ class StiffMotions(Motions):
 
     classifier = StiffClassifier
 
-    def steps(self, position: Array) -> tuple[Array, ...]:
-        """δ, ε, β and κ."""
+    def steps(self, position: Array) -> Parameters:
+        """See `Motions`."""
         delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
-        return delta, epsilon, np.full_like(delta, self.beta), 0.5 / p**2
+        beta = np.full_like(delta, self.beta)
+        return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
-    def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
+    def period_one(self, steps: Parameters) -> Iterator[Motion]:
         """A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""
-        delta, epsilon, beta, kappa = steps
-        for k in np.unique(np.linspace(0, delta.size - 1, SEEDS).astype(int)):
+        for k in np.unique(np.linspace(0, steps.size - 1, SEEDS).astype(int)):
             try:
-                for _name, orbit in orbits_at(float(delta[k]), float(epsilon[k]), float(beta[k]), float(kappa[k])):
+                for _name, orbit in orbits_at(**steps.point(k)):
                     yield self._motion(orbit)
             except RattleError:  # a family is lost there; other steps, and the attractors, may lead to its motions
                 continue
 
-    def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
+    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
         """See `Motions`."""
-        delta, epsilon, beta, kappa = step
         try:
-            return self._motion(stiff_orbit(delta, epsilon, kappa, tau, v, n_plus, beta))
+            return self._motion(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
             return None
 
@@ -118,4 +118,4 @@ def diagram(
         np.append(require_end(name, value), softness(require_number("kappa", each, positive=True)))
         for name, value, each in zip(("start", "end"), (start, end), at_ends, strict=True)
     ]
-    return diagram_of(StiffMotions(Segment(*ends), beta), beta, steps, count, v_max, impacts, most, seed)
+    return diagram_of(StiffMotions(Segment(*ends), beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import Problem, line_scale, root_between, with_value
+from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -59,7 +60,7 @@ class MotionsOnLine:
     def flip(self, y: Array) -> float:
         """Trace + 1 + e^(−δm), which vanishes at a flip."""
         x = self.plane(y)
-        return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(np.exp(-x[-3] * self.m))
+        return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
     def orbit(self, y: Array) -> StiffOrbit:
         """The motion of a solution."""

@@ -1,16 +1,17 @@
 """Contact with a wall in closed form, and where it ends (compiled).
 
 x ≥ 0 is the depth beyond the wall, outwards. In contact (paper 2.1, 2.2) x'' + δx' + 2κx = h(t), where h is ± the
-contact force of `rattle.flight.law`, ± the wall. With S the response to a unit velocity and C = S' + δS to a depth 1, x
-is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h. docs/stiff.md derives all, and why the
-search for the end cannot skip one. With −δ for δ and −τ for τ the same formulas run backwards in time.
+contact force of `rattle.flight.forcing`, ± the wall. With S the response to a unit velocity and C = S' + δS to a depth
+1, x is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h: the forcing of one cosine, to which
+every harmonic would add a response of its own. docs/stiff.md derives all, and why the search for the end cannot skip
+one. With −δ for δ and −τ for τ the same formulas run backwards in time.
 """
 
 import math
 from typing import NamedTuple
 
 from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
-from rattle.flight.law import DRIFT, TWO_PI, negative_arc, versines
+from rattle.flight.forcing import TWO_PI, force_ahead, negative_arc, phase_at, versines
 from rattle.numerics.compile import inline, kernel
 
 ENDS, LASTS, STAYS, TOO_LONG = range(4)  # it ends; it lasts to the horizon; it never ends; not told within LONGEST
@@ -62,14 +63,6 @@ def responses(s, delta, kappa):
         even, odd = math.cos(angle), math.sin(angle) / angle if angle > 0.0 else 1.0
     sine = decay * s * odd
     return sine, 1.0 - decay * (even + half * s * odd), s - sine
-
-
-@inline
-def forcing(wall, sin0, cos0, delta, epsilon):
-    """Mean, cosine and sine of h(s) = mean + a cos 2πs + b sin 2πs, from the phase of s = 0."""
-    size = wall * TWO_PI * epsilon
-    a = -size * (TWO_PI * cos0 + delta * sin0)
-    return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
 
 
 @inline
@@ -186,8 +179,8 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
 
     Returns (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C). If x0 is 0 the motion must press on the wall.
     """
-    omc, sin0, _defect = versines(tau)
-    mean, a, b = forcing(wall, sin0, 1.0 - omc, delta, epsilon)
+    sin0, cos0 = phase_at(tau)
+    mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
     contact = Contact(x0, w0, mean, a, b, delta, kappa)
     arc = negative_arc(delta, epsilon)
     square = 0.25 * delta * delta - 2.0 * kappa

@@ -11,9 +11,10 @@ import math
 from numba.core.types import Tuple, boolean, float64, int64
 
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
-from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, leaving, versines
+from rattle.flight.forcing import DRIFT, contact_force, force_ahead, force_integral, phase_at
+from rattle.flight.law import evaluate, folded, leaving
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end, forcing
+from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS
 QUIET, STUCK = 3, 4  # beside OK: contact that never ends; a motion that cannot be followed farther
@@ -26,8 +27,8 @@ _DEPARTURE = Tuple((int64, *3 * (float64,), int64, *_MAP))(*6 * (float64,))
 @inline
 def outward_force(wall, tau, delta, epsilon):
     """The contact force at this phase, positive where it presses on the wall."""
-    omc, sine, _defect = versines(tau)
-    return wall * contact_force(sine, 1.0 - omc, delta, epsilon, math.copysign(DRIFT, delta))
+    sine, cosine = phase_at(tau)
+    return wall * contact_force(sine, cosine, delta, epsilon, math.copysign(DRIFT, delta))
 
 
 @inline
@@ -163,10 +164,9 @@ def bounced(wall, tau, w, delta, epsilon, beta, kappa):
         duration += s
     else:
         status = STUCK
-    omc, sin0, _defect = versines(begun)
-    mean, a, b = forcing(wall, sin0, 1.0 - omc, delta, epsilon)
-    omc, sine, _defect = versines(duration)
-    pressed = mean * duration + (a * sine + b * omc) / TWO_PI
+    sin0, cos0 = phase_at(begun)
+    mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
+    pressed = force_integral(duration, mean, a, b)
     return status, flown, wall, speed, duration, speed + abs(w) + pressed, abs(w)
 
 

@@ -1,7 +1,8 @@
 """Quiet motion of the stiff gear: permanent contact with Σ⁺, a periodic solution of a linear equation.
 
-x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt) with D = (2κ − 4π²)² + (2πδ)², P = −4π² (2κ − 4π² − δ²)/D, Q = −4πδκ/D; it is
-motion of the gear while x ≥ 0, so exactly for ε ≤ 2πδ/(κ √(P² + Q²)), and then it attracts.
+x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt) with D = (2κ − 4π²)² + (2πδ)², P = −4π² (2κ − 4π² − δ²)/D, Q = −4πδκ/D, for
+the forcing of one cosine. It is motion of the gear while x ≥ 0, so exactly for ε ≤ 2πδ/(κ √(P² + Q²)), and then it
+attracts.
 """
 
 from __future__ import annotations
@@ -10,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import ParameterError, real_array, require
-
-TWO_PI = 2.0 * np.pi
+from rattle.flight.forcing import TWO_PI
 
 
 def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:

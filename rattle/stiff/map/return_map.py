@@ -7,6 +7,7 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
+from rattle.flight.impact_law import log_determinant
 from rattle.intensity.visit import bounce
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits import return_map
@@ -52,7 +53,18 @@ def step_tangent(tau, v, point):
     p_t, w_t = j00 * v - j01 * before, j10 * v - j11 * before
     p_v, w_v = -j01, -j11
     t_t, t_v = p_t / v1, p_v / v1
-    return OK, tau1, v1, time, n_minus, t_t, t_v, -(w_t + after * t_t), -(w_v + after * t_v), -point.delta * time
+    return (
+        OK,
+        tau1,
+        v1,
+        time,
+        n_minus,
+        t_t,
+        t_v,
+        -(w_t + after * t_t),
+        -(w_v + after * t_v),
+        log_determinant(point.delta, time, 0),
+    )
 
 
 @for_type(return_map.step, StiffPoint)

@@ -13,9 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, decay64, folded, speed_unit
+from rattle.flight.forcing import (
+    DRIFT,
+    TWO_PI,
+    change_shape,
+    force_ahead,
+    library_phase,
+    plus_acceleration,
+    plus_slope,
+    slope_shape,
+)
+from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, contact_end, driven, forcing, responses
+from rattle.stiff.map.contact import ENDS, contact_end, driven, responses
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
 LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²
@@ -75,21 +85,21 @@ def flight(t0, t1, gap, delta, epsilon):
     if x < LONGEST_DECAY:  # without cancellation
         k = x * decay64(x)
         lag = -k / (1.0 - k)
-    sin0, cos0 = math.sin(TWO_PI * t0), math.cos(TWO_PI * t0)
-    sin1, cos1 = math.sin(TWO_PI * t1), math.cos(TWO_PI * t1)
-    swing = -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s) * pull
-    apart, force = epsilon * swing - gap * pull, TWO_PI * TWO_PI * epsilon
-    w0, w1 = DRIFT * lag - TWO_PI * epsilon * sin0 - apart, DRIFT * (lag + x) - TWO_PI * epsilon * sin1 - apart * decay
+    (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
+    swing = change_shape(t0, t1, s) * pull
+    apart = epsilon * swing - gap * pull
+    w0 = plus_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
+    w1 = plus_slope(DRIFT * (lag + x), sin1, cos1, epsilon) - apart * decay
     slowing = delta * (DRIFT * (1.0 - lag) + apart)
     return Ends(
         w0=w0,
         w1=w1,
-        w0_t0=w0 * pull + slowing - force * cos0,
+        w0_t0=plus_acceleration(w0 * pull + slowing, sin0, cos0, epsilon),
         w0_t1=-pull * w1,
-        w0_e=-TWO_PI * sin0 - swing,
+        w0_e=slope_shape(sin0, cos0) - swing,
         w1_t0=decay * pull * w0,
-        w1_t1=(slowing - w1 * pull) * decay - force * cos1,
-        w1_e=-TWO_PI * sin1 - swing * decay,
+        w1_t1=plus_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon),
+        w1_e=slope_shape(sin1, cos1) - swing * decay,
     )
 
 
@@ -97,8 +107,8 @@ def flight(t0, t1, gap, delta, epsilon):
 def contact(wall, t, u, s, delta, epsilon, kappa):
     """The end, after s, of a contact that begins at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
-    phase = TWO_PI * t
-    mean, a, b = forcing(wall, math.sin(phase), math.cos(phase), delta, 1.0)
+    sin0, cos0 = library_phase(t)
+    mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
     v_u = 1.0 - lost - delta * sine
     x_e, v_e = a * x_c + b * x_s, a * v_c + b * v_s
     x = u * sine + mean * lost / (2.0 * kappa) + epsilon * x_e

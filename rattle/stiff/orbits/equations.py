@@ -29,9 +29,8 @@ from rattle.flight.between import (
     Flights,
     fall,
     flight_between,
-    turn,
 )
-from rattle.flight.law import TWO_PI
+from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, turn
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.complex_step import Array, batch_of, like
 from rattle.orbits.periodic import Equations
@@ -80,10 +79,8 @@ def contact(sign, t, duration, u, p, delta, epsilon):
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration
     versine, turned = 2 * half * half, turn(TWO_PI * s)[0]
-    sin0, cos0 = turn(TWO_PI * t)
-    size = sign * TWO_PI * epsilon
-    mean = sign * 2 * TWO_PI * delta
-    a, b = -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
+    sin0, cos0 = analytic_phase(t)
+    mean, a, b = analytic_force_ahead(sign, sin0, cos0, delta, epsilon)
     stiff, loss = 1 - TWO_PI * p * TWO_PI * p, TWO_PI * delta * p * p
     square = stiff * stiff + loss * loss
     stiff, loss = np.divide(stiff, square), np.divide(loss, square)
@@ -123,7 +120,7 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
             if i < c - 1:
                 t1, after = x[j, i + 1], i + 1
             gap = beta * (signs[after] - signs[i])
-            found = flight_between(t0, t1, turn(TWO_PI * t0), turn(TWO_PI * t1), gap, delta, epsilon)
+            found = flight_between(t0, t1, analytic_phase(t0), analytic_phase(t1), gap, delta, epsilon)
             for part in range(6):
                 flights[part, j, i] = found[part]
         for i in range(c):

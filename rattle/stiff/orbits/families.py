@@ -3,7 +3,8 @@
 A family is followed as a whole, through stretches where its motions do not happen, and so are all families that start
 from: P(1,1,0) at every duration of its contact, for which it is explicit (linear in ε cos 2πt and ε sin 2πt); P(1,1,1)
 by Newton's method from its impacting limit at every time from Σ⁺ to Σ⁻, explicit likewise, and from every graze of a
-P(1,1,0). A letter is a stretch between folds: A, SN1, C, (graze, fold at G1), B, SN2, D, (fold at G2, graze), A.
+P(1,1,0): starts that hold for the forcing of one cosine. A letter is a stretch between folds: A, SN1, C, (graze, fold
+at G1), B, SN2, D, (fold at G2, graze), A.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError
+from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, is_admissible, softness, struck, trace_of
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -67,7 +69,7 @@ class Family:
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
-            found.append(trace_of(y, self.cycle) > 1.0 + np.exp(-self.cycle.delta * self.cycle.m))
+            found.append(trace_of(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1))
         return found
 
     @property

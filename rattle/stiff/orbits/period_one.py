@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, parameters, require_number
+from rattle.flight.impact_law import ELASTIC
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
 from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -61,7 +62,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
                 exists[letter, i] = True
                 tau[letter, i], v[letter, i] = departure_of(member.y, member.cycle)
                 trace[letter, i] = trace_of(member.y, member.cycle)
-    decay = np.exp(-cells[:, 0])
+    decay = ELASTIC.determinant(cells[:, 0], 1, 1)
     with np.errstate(invalid="ignore"):
         multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
         stable = exists & (np.abs(trace) < 1 + decay)

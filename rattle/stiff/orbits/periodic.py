@@ -36,6 +36,11 @@ class StiffOrbit(Periodic):
     durations: NDArray[np.float64]
 
     @property
+    def added(self) -> tuple[str, ...]:
+        """The names of its parameters beside δ, ε and β."""
+        return ("kappa",)
+
+    @property
     def departures(self) -> Array:
         """When it leaves the walls (c,): at the ends of its contacts."""
         return self.times + self.durations

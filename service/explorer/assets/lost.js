@@ -23,7 +23,7 @@ function lost() {
       + "and the Host header (proxy_set_header Host $http_host). Reload to try again."
   document.body.append(said)
   const ask = async () => {
-    const answer = await fetch("/v1/health", {cache: "no-store"}).catch(() => null)
+    const answer = await fetch("v1/health", {cache: "no-store"}).catch(() => null)
     if (answer?.ok) location.reload()
     else setTimeout(ask, 1000)
   }

@@ -1,9 +1,9 @@
 // The page is made for a browser that runs scripts and has all of them: a monitor or a crawler that only reads this
 // address leaves nothing behind.
 async function openPage() {
-  const here = location.pathname.endsWith("/") ? location.pathname : location.pathname + "/"
+  if (!location.pathname.endsWith("/")) return location.replace(`${location.pathname}/${location.search}`)  // what it loads is below
   const headers = {"Rattle-Theme": theme.theme, "Rattle-Address": location.host + location.pathname}
-  const answer = await fetch(`${here}page${location.search}`, {headers, cache: "no-store"})
+  const answer = await fetch(`page${location.search}`, {headers, cache: "no-store"})
   if (answer.status === 401) return location.reload()  // which asks for a key
   if (!answer.ok) {
     const problem = await answer.json().catch(() => null)

@@ -47,7 +47,7 @@ function fill(button, row, is_chosen) {
 }
 
 function lines_of(row, signed_in) {
-  const url = `${location.origin}/v1/surveys/${row.id}/store`
+  const url = new URL(`v1/surveys/${row.id}/store`, document.baseURI)
   const key = signed_in ? `, storage_options={"headers": {"Authorization": "Bearer " + key}}` : ""
   const [axis, number] = row.slice  // of a survey with a third axis
   const one = axis ? `.isel(${axis}=${number})` : ""
@@ -76,7 +76,7 @@ function form_of(row, send) {
 }
 
 function detail_of(row, model) {
-  const here = `/v1/surveys/${row.id}`
+  const here = `v1/surveys/${row.id}`
   const busy = row.state === "running" || row.state === "accepted"
   const act = (action) => () => model.send_msg({action, survey: row.id})
   const removing = element("button", {type: "button", class: "quiet", "data-action": busy ? "cancel" : "delete"},

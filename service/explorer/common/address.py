@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
-from rattle.models import AnyModel, model_of
+from rattle.models import ADDED, Model, model_of
 from rattle.populations import MOST_SHARE
 
 Pair = tuple[float, float]
@@ -23,6 +23,7 @@ DEFAULT_OVERLAYS = (*NAMES, POINTS)
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # what is seen of (δ, ε) without any survey
 THEMES = ("light", "dark")
 MOST_PINS = 8
+UNNAMED = next(iter(ADDED))  # what stands without its name in an address
 LONGEST = 800  # characters of a value: of pins, 100 each
 POINT_STATE = "p."
 MOST_FURTHER = 3
@@ -50,17 +51,23 @@ class Entered(NamedTuple):
 
 
 class Pin(NamedTuple):
-    """A point that is kept to be compared with others, of the impacting model unless there is a stiffness."""
+    """A point that is kept to be compared with others; added: what its model has beside δ, ε and β, with names."""
 
     delta: float
     epsilon: float
     beta: float
-    kappa: float | None = None
+    added: tuple[tuple[str, float], ...] = ()
 
     @property
-    def model(self) -> AnyModel:
+    def model(self) -> Model:
         """The model of its gear. Raises ParameterError."""
-        return model_of(self.beta, self.kappa)
+        return model_of(self.beta, **dict(self.added))
+
+    @property
+    def written(self) -> str:
+        """As an address has it: what the first model adds without its name, as in addresses of before."""
+        more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
+        return ",".join([*map(repr, self[:3]), *more])
 
     @property
     def label(self) -> str:
@@ -68,7 +75,12 @@ class Pin(NamedTuple):
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
-def numbered(pins: Sequence[Pin], model: AnyModel) -> dict[str, Pair]:
+def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
+    """A point of a model as a pin."""
+    return Pin(delta, epsilon, model.beta, tuple((each.name, model.numbers[each.name]) for each in model.added))
+
+
+def numbered(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
     """The points of those pins that are of this model, by their numbers, from 1."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
@@ -203,7 +215,7 @@ class View:
         pairs["profile"] = self.profile.written if self.profile else ""
         pairs["profile_limits"] = _written(self.profile_limits) if self.profile_limits else ""
         pairs["theme"] = self.theme
-        pairs["pins"] = ";".join(",".join(repr(each) for each in pin if each is not None) for pin in self.pins)
+        pairs["pins"] = ";".join(pin.written for pin in self.pins)
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
         said = {name: value for name, value in pairs.items() if value}
@@ -270,13 +282,19 @@ def _machine(text: str) -> Entered:
 def _pins(text: str) -> tuple[Pin, ...]:
     found = []
     for each in text.split(";")[:MOST_PINS]:
-        delta, epsilon, beta, *kappa = map(float, each.split(","))
-        if len(kappa) > 1:
+        delta, epsilon, beta, *more = each.split(",")
+        added = dict(_added(one) for one in more)
+        if len(added) < len(more):
             raise ValueError(text)
-        pin = Pin(*_point(f"{delta},{epsilon}"), beta, *kappa)
+        pin = Pin(*_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()))
         pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
         found.append(pin)
     return tuple(dict.fromkeys(found))
+
+
+def _added(text: str) -> tuple[str, float]:
+    name, _, value = text.rpartition(":")
+    return name or UNNAMED, float(value)
 
 
 def _share(text: str) -> float:

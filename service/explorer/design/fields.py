@@ -79,7 +79,7 @@ def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) ->
 
 
 def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """The pair of gears of a point at another one; None without one, or where its κ would be another one."""
+    """The pair of gears of a point at another one; None without one, or where a stiffness would be another one."""
     if machine is None or (machine.stiffness is not None and delta != machine.delta):
         return None
     speed, eccentricity = machine.speed * machine.delta / delta, epsilon * machine.units.length

@@ -15,8 +15,7 @@ from rattle.models import AnyGear, model_at
 HELD = 0.95  # of the gears are inside of the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
 SIDES = 96
-GEARS, COUNT, JUDGED = 1024, 8, 256
-STIFF_GEARS = 256
+COUNT, JUDGED = 8, 256
 LEAST = 0.1  # of the mean: the speed and the damping of a gear are cut off there
 
 
@@ -53,8 +52,7 @@ def outline(delta: float, epsilon: float, machine: Machine | None, widths: Toler
 def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
     """The numbers of the gears as `rattle.population` takes them. Raises ParameterError."""
     if machine is None:
-        kappa = model_at(gear).stiffness
-        others: dict[str, Any] = {"beta": gear.beta} | ({} if kappa is None else {"kappa": kappa})
+        others: dict[str, Any] = {**model_at(gear).numbers}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
     else:
         pair = {"rpm": machine.rpm, "eccentricity": machine.eccentricity}
@@ -71,7 +69,7 @@ def _varying(mean: float, width: float, low: float) -> Any:
 
 def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
     """How many of the gears about a point run quietly and pass. Raises ParameterError."""
-    gears = GEARS if model_at(gear).stiffness is None else STIFF_GEARS
+    gears = model_at(gear).design_gears
     found = rattle.population(
         given_of(gear, machine, widths),
         gears=gears,

@@ -22,7 +22,7 @@ from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import GROUP
 from gear_rattle.workers.survey.slices import group_in
 from gear_rattle.workers.survey.values.evaluate import FAILED
-from rattle.models import AnyModel
+from rattle.models import Model
 
 MOST_LISTED = 100  # the first of them, by falling number of cells
 NOT_ALONE = "Where two of its attractors are in one cell, one becomes the other on a way through other cells."
@@ -136,7 +136,7 @@ def _extent(there: np.ndarray, plane: Plane, direction: str) -> Extent | None:
     )
 
 
-def in_words(found: Family, model: AnyModel) -> str:
+def in_words(found: Family, model: Model) -> str:
     """HTML of what is known of a family."""
     row = found.row
     if not row["cells"]:
@@ -156,7 +156,7 @@ def in_words(found: Family, model: AnyModel) -> str:
     return f"<p>{' '.join(said)}</p>"
 
 
-def _borders(found: Family, model: AnyModel) -> list[str]:
+def _borders(found: Family, model: Model) -> list[str]:
     """Where it is born, and where it ends."""
     edges = int(found.row["edges"])
     if not edges:

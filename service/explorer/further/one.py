@@ -32,6 +32,7 @@ from gear_rattle.service.kernels import Part
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import POINTS
 from rattle import RattleError
+from rattle.models import Capability
 
 SHOWN = "shown"
 GONE = "This survey is no longer there."
@@ -245,7 +246,9 @@ class FurtherMap:
                 pieces, _ = await self._viewer.read(partial(pieces_of, name, model, *window))
                 self._viewer.change(partial(self.map.line, name, pieces))
         points = (
-            await self._viewer.read(partial(points_in, model, window)) if POINTS in names and model.has_corners else []
+            await self._viewer.read(partial(points_in, model, window))
+            if POINTS in names and Capability.CORNERS in model.has
+            else []
         )
         self._viewer.change(partial(self.map.points, points))
 

@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.map.readout import finer_value, readout
 from gear_rattle.service.explorer.point.panel import Above, PointPanel
 from gear_rattle.service.explorer.point.view import PointView
 from rattle import Machine
-from rattle.models import AnyModel
+from rattle.models import Model
 
 RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model", "machine"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
@@ -82,7 +82,7 @@ class Beside:
         self._text.html = HINT
 
     def open(
-        self, delta: float, epsilon: float, model: AnyModel, machine: Machine | None, state: Mapping[str, str]
+        self, delta: float, epsilon: float, model: Model, machine: Machine | None, state: Mapping[str, str]
     ) -> None:
         """Show the view of a point."""
         self._drop()

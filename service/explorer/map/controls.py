@@ -12,9 +12,10 @@ from gear_rattle.service.explorer.common.address import LIMITS, Limits, Pair
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.workers import SurveyRequest
+from rattle.models import ADDED, BETA
 
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
-LETTERS = {"beta": "β", "kappa": "κ"}
+LETTERS = {each.name: each.symbol for each in (BETA, *ADDED.values())}
 UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
 

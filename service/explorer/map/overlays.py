@@ -25,7 +25,7 @@ from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced
 from rattle import RattleError
-from rattle.models import AnyModel
+from rattle.models import Capability, Model, lacking
 from rattle.plot import polyline
 from rattle.populations import MOST_SHARE
 
@@ -100,12 +100,12 @@ class Lines:
     def _shade(self, shades: Sequence[Shade]) -> None:
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
-    def tell(self, model: AnyModel, span: Pair) -> None:
+    def tell(self, model: Model, span: Pair) -> None:
         """Tell in the key what the lines of this model mean; the survey spans these dampings."""
         self._entries, self._span = entries(model), span
         self.key.overlays = self._entries
 
-    def draw(self, names: Sequence[str], model: AnyModel, window: Ranges) -> None:
+    def draw(self, names: Sequence[str], model: Model, window: Ranges) -> None:
         """Find some lines of a model in a window, instead of what was being found of them."""
         for name in names:
             if name in self._tasks:
@@ -120,7 +120,7 @@ class Lines:
             self._tasks.popitem()[1].cancel()
         self._map.no_lines()
 
-    async def _line(self, name: str, model: AnyModel, window: Ranges) -> None:
+    async def _line(self, name: str, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: points_in(model, window))
@@ -140,7 +140,7 @@ class Lines:
         self._note(name, "", missing)
         self._viewer.change(lambda: self._map.line(name, pieces))
 
-    async def _limit(self, model: AnyModel) -> None:
+    async def _limit(self, model: Model) -> None:
         missing = ""
         self._note(LIMIT, "is being computed …")
         try:
@@ -166,7 +166,7 @@ class Lines:
             self._viewer.change(lambda: self.key.param.update(overlays=entries))
 
 
-def entries(model: AnyModel) -> list[dict[str, Any]]:
+def entries(model: Model) -> list[dict[str, Any]]:
     """The overlays as the key of a map of this model lists them."""
     return [
         {
@@ -183,21 +183,25 @@ def entries(model: AnyModel) -> list[dict[str, Any]]:
     ]
 
 
-def _is_offered(name: str, model: AnyModel) -> bool:
-    return {CRISIS: model.has_crisis, POINTS: model.has_corners}.get(name, True)
+#: What a model must have for a line.
+NEEDS = {CRISIS: Capability.CRISIS, POINTS: Capability.CORNERS}
 
 
-def _meaning(name: str, model: AnyModel) -> str:
+def _is_offered(name: str, model: Model) -> bool:
+    return name not in NEEDS or NEEDS[name] in model.has
+
+
+def _meaning(name: str, model: Model) -> str:
     if name in MEANINGS:
         return MEANINGS[name]
     return model.describe(name) if name in model.curve_names else _not_of(model)
 
 
-def _not_of(model: AnyModel) -> str:
-    return f"is a curve of the impacting model only, not of the {model.name} one"
+def _not_of(model: Model) -> str:
+    return str(lacking(Capability.CORNERS, model))
 
 
-def pieces_of(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
+def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
     """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
     if name not in model.curve_names:
         return [], _not_of(model)
@@ -210,7 +214,7 @@ def pieces_of(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> tuple[l
     return split(polyline(curve)) if len(curve) else [], ""
 
 
-def usual_lines(model: AnyModel, window: Ranges) -> None:
+def usual_lines(model: Model, window: Ranges) -> None:
     """Find the lines that a page shows which asks for no others: they are kept. For a thread."""
     for name in DEFAULT_OVERLAYS:
         if name != POINTS:
@@ -225,7 +229,7 @@ def split(line: np.ndarray) -> list[np.ndarray]:
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
-def points_in(model: AnyModel, window: Ranges) -> list[tuple[str, float, float]]:
+def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
     """The codimension-two points in a window: name, δ, ε. For a thread. The name of another one would reach into it."""
     (left, right), (bottom, top) = window
     return [
@@ -236,6 +240,6 @@ def points_in(model: AnyModel, window: Ranges) -> list[tuple[str, float, float]]
 
 
 @lru_cache(maxsize=64)
-def _points(model: AnyModel) -> Sequence[Any]:
+def _points(model: Model) -> Sequence[Any]:
     with np.errstate(all="ignore"):
         return model.codimension_two()

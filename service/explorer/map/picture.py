@@ -51,7 +51,7 @@ def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = Non
 
 def links(survey: str, variable: str, query: str) -> str:
     """The pictures as links, in HTML; & of a query is escaped."""
-    here, query = f"/v1/surveys/{survey}/map", query.replace("&", "&amp;")
+    here, query = f"v1/surveys/{survey}/map", query.replace("&", "&amp;")
     return " ".join(
         f'<a href="{here}.{form}?{query}" download="{variable}.{form}">{form.upper()}</a>' for form in FORMS
     )

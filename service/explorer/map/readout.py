@@ -20,7 +20,7 @@ from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
-from rattle.models import AnyModel
+from rattle.models import Model
 from rattle.plot import name_of
 
 Row = tuple[str, str]
@@ -30,7 +30,7 @@ def readout(
     cell: xr.Dataset | None,
     delta: float,
     epsilon: float,
-    model: AnyModel,
+    model: Model,
     window: Ranges,
     here: Row | None = None,
     machine: SurveyedMachine | None = None,

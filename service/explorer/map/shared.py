@@ -25,7 +25,7 @@ from gear_rattle.workers import SurveyRequest, map_quantity
 from gear_rattle.workers.cluster.window import CLOSED_FORM
 from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
-from rattle.models import AnyModel, Impacting, Model
+from rattle.models import DEFAULT_MODEL, MODELS, Model
 
 KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
 
@@ -43,7 +43,7 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
     if variable == LARGEST:
         return False
     found = map_quantity(variable, 0, request)
-    return request.model is Model.IMPACTING and found.group in CLOSED_FORM
+    return request.in_closed_form and found.group in CLOSED_FORM
 
 
 def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
@@ -109,13 +109,13 @@ class Shared:
         except (RattleError, ValueError, OSError) as error:  # whoever opens the page is told
             log.info("the first map cannot be drawn beforehand: %s", error)
 
-    def _first(self) -> tuple[AnyModel, Ranges]:
+    def _first(self) -> tuple[Model, Ranges]:
         """Draw the map of a page that asks for nothing, if it stays as it is; of which model, and where."""
         jobs, _ = self.front.database.jobs(LISTED)
         job = shown_first(jobs)
         if job is None:
             self.exact_map(View(variable=usual_variable(self.exact.request, False)))
-            return Impacting(), UNCHOSEN
+            return MODELS[DEFAULT_MODEL](), UNCHOSEN
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
             self.map_of(job, View(survey=job.id, variable=usual_variable(whole, False)), UNSEEN)

@@ -13,7 +13,7 @@ import panel as pn
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
+from gear_rattle.service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered, pin_of
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.drawings import PAUSE
 from gear_rattle.service.explorer.common.heading import Heading
@@ -39,7 +39,7 @@ from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST, LIMIT
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import RattleError
-from rattle.models import AnyModel, Impacting
+from rattle.models import BETA, DEFAULT_MODEL, MODELS, Model
 
 #: What does not stay when another survey is chosen.
 OF_A_SURVEY = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0, "family": None}
@@ -107,9 +107,9 @@ class MapView:
         self._controls.show_limits(self.view.limits, None)
 
     @property
-    def model(self) -> AnyModel:
+    def model(self) -> Model:
         """The model of the survey that is chosen."""
-        return self._request.gear_model if self._request else Impacting()
+        return self._request.gear_model if self._request else MODELS[DEFAULT_MODEL]()
 
     @property
     def request(self) -> SurveyRequest | None:
@@ -413,8 +413,9 @@ class MapView:
 
     def _on_place(self, place: Place) -> str:
         """Go to a place that has a name; why not, if not."""
-        if self.model != Impacting():
-            return "The places that have names are of the impacting gear at β = 0.6. Choose a survey of it."
+        if self.model != MODELS[DEFAULT_MODEL]():
+            named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
+            return f"The places that have names are of the {named}. Choose a survey of it."
         self._go(place.window)
         self._open(*place.point, None, place.state) if place.point else self._beside.close(tell=True)
         return ""
@@ -504,7 +505,7 @@ class MapView:
         if self.view.point is None or (self.view.survey and self._request is None):
             return None
         _, model = stands_for(self.view.point, self.view.machine, self.machine, self.model)
-        return Pin(*self.view.point, model.beta, model.stiffness)
+        return pin_of(*self.view.point, model)
 
     def mark_pins(self, pins: Sequence[Pin]) -> None:
         """Mark those that are of this plane."""

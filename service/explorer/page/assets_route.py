@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
+from gear_rattle.service.web.prefix import route_path
+
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
@@ -24,7 +26,7 @@ class Assets:
         self._size = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        key = (scope["path"], scope["query_string"])
+        key = (route_path(scope), scope["query_string"])
         headers = Headers(scope=scope)
         whole = scope["method"] == "GET" and "range" not in headers and "if-none-match" not in headers
         if whole and key in self._kept:

@@ -27,9 +27,8 @@ from gear_rattle.workers.survey.values.quantities import groups_of
 from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle import RattleError
 from rattle.attractors import BUDGET, read_speed
-from rattle.models import AnyModel, Model
+from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
 
-STIFFNESS = 1e4  # offered at first
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated
 CELLS = 61  # along each axis of a window that is to be saved
 
@@ -45,11 +44,20 @@ class Form:
         ways = {"damping δ, eccentricity ε": False, "a machine: rpm, µm": True}
         self.in_si = pn.widgets.Select(label="Axes", options=ways, **number)
         self.machine, self.sample, self.refine = MachineAxes(sheet), SampleFields(sheet), RefineFields(sheet)
-        self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=0.6, step=0.05, **number)
+        self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=BETA.default, step=0.05, **number)
         self.model = pn.widgets.Select(
-            label="Model", options={"impacting": Model.IMPACTING, "stiff walls": Model.STIFF}, **number
+            label="Model", options={each.title: name for name, each in MODELS.items()}, **number
         )
-        self.kappa = pn.widgets.FloatInput(label="Stiffness κ", value=STIFFNESS, start=1.0, visible=False, **number)
+        self.added = {
+            name: pn.widgets.FloatInput(
+                label=f"{each.label.capitalize()} {each.symbol}",
+                value=each.example,
+                start=each.least,
+                visible=False,
+                **number,
+            )
+            for name, each in ADDED.items()
+        }
         exact: dict[str, Any] = number | {"step": 0.05, "format": "0[.][0000000000000000]"}
         self.axes = {
             name: (
@@ -80,7 +88,7 @@ class Form:
         on_press(self.submit, lambda: viewer.start(self._submit()))
         self._plain = pn.Column(
             *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
-            pn.Row(self.model, self.kappa, sizing_mode="stretch_width"),
+            pn.Row(self.model, *self.added.values(), sizing_mode="stretch_width"),
             self.beta,
             sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
@@ -104,7 +112,8 @@ class Form:
 
     def _widgets(self) -> list[Any]:
         return [
-            self.name, self.model, self.kappa, self.beta, *(widget for three in self.axes.values() for widget in three),
+            self.name, self.model, *self.added.values(), self.beta,
+            *(widget for three in self.axes.values() for widget in three),
             self.quantities, self.count, self.v_max, self.budget, self.seed, self.in_si, *self.machine.widgets,
             *self.sample.widgets, *self.refine.widgets,
         ]  # fmt: skip
@@ -121,13 +130,13 @@ class Form:
             self.machine.fill(request, request.machine)
         self.fill_sample(request)
 
-    def fill_model(self, model: AnyModel) -> None:
+    def fill_model(self, model: Model) -> None:
         """Take over a model with its parameters."""
         self.beta.value, self.model.value = model.beta, model.name
-        if model.stiffness is not None:
-            self.kappa.value = model.stiffness
+        for each in model.added:
+            self.added[each.name].value = model.numbers[each.name]
 
-    def fill_window(self, delta: Pair, epsilon: Pair, model: AnyModel, machine: SurveyedMachine | None = None) -> None:
+    def fill_window(self, delta: Pair, epsilon: Pair, model: Model, machine: SurveyedMachine | None = None) -> None:
         """Take over a window of the plane, of a machine where the survey is of one."""
         self.fill_model(model)
         self.in_si.value = machine is not None
@@ -170,8 +179,9 @@ class Form:
             name: {"start": start.value, "stop": stop.value, "num": num.value}
             for name, (start, stop, num) in self.axes.items()
         }
-        kappa = self.kappa.value if self.model.value == Model.STIFF else None
-        return {"model": str(self.model.value), "kappa": kappa, "beta": self.beta.value, **axes}
+        own = {each.name for each in MODELS[self.model.value].added}
+        added = {name: widget.value if name in own else None for name, widget in self.added.items()}
+        return {"model": self.model.value, **added, "beta": self.beta.value, **axes}
 
     def _on_way(self) -> None:
         """Ask for the numbers of a machine, or for the model's."""
@@ -180,9 +190,11 @@ class Form:
 
     def _on_model(self) -> None:
         """Offer what the model has."""
-        offered = [str(group) for group in groups_of(Model.IMPACTING if self.in_si.value else self.model.value)]
+        offered = [str(group) for group in groups_of(DEFAULT_MODEL if self.in_si.value else self.model.value)]
         left = [name for name in self.quantities.value if name in offered]
-        self.kappa.visible = self.model.value == Model.STIFF
+        own = {each.name for each in MODELS[self.model.value].added}
+        for name, widget in self.added.items():
+            widget.visible = name in own
         self.quantities.param.update(options=offered, value=left)
 
     def _changed(self) -> None:

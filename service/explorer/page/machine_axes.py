@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 
 LEAST_DELTA = 0.1  # of the upper end
 FIRST = {"rpm": (1000.0, 3000.0, 61), "eccentricity": (1.0, 60.0, 60)}
-ABOUT = "<p class=faint>Teeth that do not give way: with a stiffness, another κ belongs to each speed.</p>"
+ABOUT = "<p class=faint>Teeth that do not give way: with a stiffness, another one belongs to each speed.</p>"
 
 
 class MachineAxes:

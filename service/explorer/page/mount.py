@@ -26,6 +26,7 @@ from gear_rattle.service.observability.logs import adopt_handlers
 from gear_rattle.service.operations.overlaid import Overlaid
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
+from gear_rattle.service.web.prefix import public_path
 
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.map.shared import Shared
@@ -151,7 +152,7 @@ class Explorer:
     async def _page(self, request: Request) -> Response:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
-        require_root(request.headers)
+        require_root(request.headers, public_path("/"))
         pages = await self.load()
         if len(pages.sessions()) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")

@@ -180,7 +180,7 @@ class Page:
 
     def _go_to_pin(self, pin: Pin) -> None:
         if not self._map.go_to_pin(pin):
-            self._tell("This point is of another model, β or κ than the map: choose a survey of it.")
+            self._tell("This point is of another model than the map, or of other numbers of it: choose a survey of it.")
 
     def _toggle_form(self) -> None:
         if self._form is not None and self._form.panel in self._entering:

@@ -11,6 +11,7 @@ from gear_rattle.service.explorer.map.picture import AsSeen, picture_query, thir
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
+from rattle.models import ADDED
 
 STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 
@@ -50,7 +51,7 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
         ["δ", _values(delta)],
         ["ε", _values(epsilon)],
         ["β", _values(request["beta"])],
-        *([["κ", _values(request["kappa"])]] if request.get("kappa") else []),
+        *([each.symbol, _values(request[name])] for name, each in ADDED.items() if request.get(name)),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]

@@ -12,12 +12,12 @@ import rattle
 from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
 from gear_rattle.service.explorer.point.words import number, percent
-from rattle.models import model_at
+from rattle.models import ADDED, model_at
 from rattle.orbits import in_words
 from rattle.plot import name_of
 
 HEADER = (
-    "delta", "epsilon", "beta", "kappa", "region", "quiet_limit", "starts", "attractor", "kind", "letter",
+    "delta", "epsilon", "beta", *ADDED, "region", "quiet_limit", "starts", "attractor", "kind", "letter",
     "m", "n_plus", "n_minus", "fraction", "fraction_low", "fraction_high", "lyapunov_1", "lyapunov_1_error",
     "lyapunov_2", "tau", "v",
 )  # fmt: skip
@@ -51,8 +51,11 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[
         ["Eccentricity ε", *(number(each.epsilon, 6) for each in pins)],
         ["Half-backlash β", *(number(each.beta, 6) for each in pins)],
     ]
-    if any(each.kappa is not None for each in pins):
-        lines.append(["Stiffness κ", *("–" if each.kappa is None else number(each.kappa, 6) for each in pins)])
+    for name, parameter in ADDED.items():
+        values = [dict(each.added).get(name) for each in pins]
+        if any(value is not None for value in values):
+            head = f"{parameter.label.capitalize()} {parameter.symbol}"
+            lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
     of_pins = [told.get(each, COMPUTED) for each in pins]
     lines.append(["Region", *(each if isinstance(each, str) else in_words(each.region) for each in of_pins)])
     all_known = [each if isinstance(each, Known) else None for each in of_pins]
@@ -95,7 +98,8 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
     for pin in pins:
         if not isinstance(found := told.get(pin), Known):
             continue
-        here = *pin[:3], "" if pin.kappa is None else pin.kappa, in_words(found.region), found.quiet_limit
+        added = (dict(pin.added).get(name, "") for name in ADDED)
+        here = *pin[:3], *added, in_words(found.region), found.quiet_limit
         for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
             writer.writerow(
                 (

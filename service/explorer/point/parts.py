@@ -15,7 +15,7 @@ from rattle import Diagram
 from rattle.attractors import classified, listed, sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrapped
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, Capability, model_at
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
 MOST_POINTS = 8000  # of it that are drawn
@@ -181,7 +181,7 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     found = (
         [PlaneLine("Γ", gamma_line(gear, highest_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
-        if model_at(gear).has_gamma
+        if Capability.GAMMA in model_at(gear).has
         else []
     )
     missing = []
@@ -276,6 +276,6 @@ def warm_up(gear: AnyGear) -> None:
     motion(gear, 0.3, 4.0, 1.0, 2)
     lines(gear, arclength=1.0)
     rattling.warm_up(gear)
-    if model_at(gear).has_margin:
+    if Capability.MARGIN in model_at(gear).has:
         margin(gear)
     diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))

@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.design.tolerance import Tolerance, outline
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
-from rattle.models import AnyGear, AnyModel, model_of
+from rattle.models import AnyGear, Model, model_of
 
 MOST_ATTRACTORS = 1000
 
@@ -132,16 +132,16 @@ def tolerance_of(given: object) -> Tolerance | None:
 
 
 def stands_for(
-    point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: AnyModel
-) -> tuple[Machine | None, AnyModel]:
+    point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: Model
+) -> tuple[Machine | None, Model]:
     """The machine and the model of a point, of a survey with these, or of a machine that was entered."""
     if entered is None:
         return machine_at(machine, *point), model
     found = entered.machine
-    return found, model_of(found.beta, found.kappa)
+    return found, model_of(found.beta, **found.added)
 
 
-def marks_of(view: View, model: AnyModel, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
+def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
     """Where the point that is open is on the map of a survey, if it is one of this plane, or the place on its diagram's
     way that is looked at, and the lines (k, 2) about it, NaN between them: its tolerances, and the way that its
     diagram goes to another point.

@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.point.work import Work, waiting
 from gear_rattle.service.kernels import Part
 from gear_rattle.service.state import Front
 from rattle import Machine
-from rattle.models import AnyModel
+from rattle.models import Capability, Model, lacking
 from rattle.plot import Palette
 
 COUNT = 1024  # initial conditions of the probabilities
@@ -46,7 +46,7 @@ class PointView(param.Parameterized):
         front: Front,
         delta: float,
         epsilon: float,
-        model: AnyModel,
+        model: Model,
         machine: Machine | None = None,
         **state: str,
     ) -> None:
@@ -126,10 +126,10 @@ class PointView(param.Parameterized):
         await asyncio.sleep(PAINT_SECONDS)
         await part(panel.under_basins, partial(self._some_basins, 100, "cells"))
         self._choices.show_motion()
-        if self._model.has_margin:
+        if Capability.MARGIN in self._model.has:
             await part(panel.safe, self._margin)
         else:
-            await self._work.tell(panel.safe, f"<p>{words.NO_MARGIN}</p>")
+            await self._work.tell(panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
         if not self._model.in_closed_form:
             await part(panel.orbits, self._continued)
         await part(panel.about_lines, self._some_lines)

@@ -16,7 +16,6 @@ from rattle.orbits import in_words
 from rattle.plot import Palette, name_of
 
 MINUS = "\N{MINUS SIGN}"
-NO_MARGIN = "How hard an impact ends quiet running is known of the impacting model only."
 ENOUGH = 5e-4  # a share below it is not said to be 0
 
 
@@ -72,8 +71,8 @@ def where(gear: AnyGear) -> str:
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
     model = model_at(gear)
-    if model.stiffness is not None:
-        backlash += f", walls of stiffness κ = {number(model.stiffness, 6)}"
+    for each in model.added:
+        backlash += f", {each.in_words} = {number(model.numbers[each.name], 6)}"
     backlash += f": {in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
@@ -179,10 +178,10 @@ def orbits_table(found: PeriodOne) -> str:
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
     """Where this point is as a notebook, with the diagram that is shown."""
-    at = {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
+    at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])
-    link = f'<a href="/v1/notebook?{escape(query)}" download>A notebook</a>'
+    link = f'<a href="v1/notebook?{escape(query)}" download>A notebook</a>'
     return f'<p class="faint">{link} computes what is shown here.</p>'
 
 

@@ -20,7 +20,7 @@ from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from rattle import RattleError
-from rattle.models import Model
+from rattle.models import DEFAULT_MODEL
 
 if TYPE_CHECKING:
     from bokeh.document import Document
@@ -45,7 +45,7 @@ async def _prepare_one(front: Front) -> None:
             front,
             parts.warm_up,
             rattle.Gear(0.6, 0.1),
-            needs=(Model.IMPACTING, Part.POINT),
+            needs=(DEFAULT_MODEL, Part.POINT),
             what="The kernels",
             advice="",
         )
@@ -61,7 +61,7 @@ def waiting(what: str) -> str:
 class Work:
     """Tasks of the view of a model's point in the event loop; `document` is None where nobody looks, as in a test."""
 
-    def __init__(self, front: Front, document: Document | None, model: Model) -> None:
+    def __init__(self, front: Front, document: Document | None, model: str) -> None:
         self._front, self._document = front, document
         self._model = model
         self._tasks: set[asyncio.Task[None]] = set()

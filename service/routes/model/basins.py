@@ -76,7 +76,8 @@ def highest_speed(gear: AnyGear) -> float:
 def _draw(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
     from rattle.plot import panels  # matplotlib, in the process that draws
 
-    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, model_at(gear).stiffness, tau, v).figure
+    added = {each.name: model_at(gear).numbers[each.name] for each in model_at(gear).added}
+    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, tau, v, **added).figure
     figure.set_size_inches(6.4, 6.2)
     with BytesIO() as png:
         figure.savefig(png, format="png")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
@@ -11,13 +11,14 @@ from pydantic import BaseModel, Field
 from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.turns import in_turn
-from gear_rattle.service.routes.model.points import Backlash, Multiplier, Stiffness
+from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
+from gear_rattle.service.routes.model.points import Backlash, Multiplier
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from rattle.continuation import FARTHEST
-from rattle.models import model_of
+from rattle.models import ADDED, DEFAULT_MODEL, model_of
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -76,11 +77,19 @@ class PointDocument(BaseModel):
     tangency: list[Tangency]
 
 
-class Curves(BaseModel):
+class _Plain(BaseModel):
+    beta: float
+
+
+if TYPE_CHECKING:
+    _Numbers = _Plain
+else:
+    _Numbers = with_fields(_Plain)
+
+
+class Curves(_Numbers):
     """The bifurcation curves inside a window, and all codimension-two points of the model."""
 
-    beta: float
-    kappa: float | None = Field(description="stiffness of the walls; null: the impacting model")
     window: Rectangle
     curves: list[CurveDocument]
     points: list[PointDocument]
@@ -92,14 +101,15 @@ class Curves(BaseModel):
     dependencies=[Depends(function_of_query)],
     responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
+@with_queries({"beta": {name: query_of(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
 async def curves(
     front: FrontState,
     beta: Backlash = 0.6,
-    kappa: Stiffness = None,
     delta_min: Annotated[Damping, Query(examples=[0.7])] = 0.3,
     delta_max: Annotated[Damping, Query(examples=[0.8])] = 1.2,
     epsilon_min: Eccentricity = 0.0,
     epsilon_max: Eccentricity = 1.0,
+    **added: float | None,
 ) -> Curves:
     """A curve that does not cross the window has no points."""
     window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
@@ -107,7 +117,7 @@ async def curves(
         if not low < high:
             message = f"{name}_max ({high:g}) must be above {name}_min ({low:g})"
             raise RequestValidationError([{"loc": ("query", f"{name}_max"), "msg": message}])
-    model = model_of(beta, kappa)
+    model = model_of(beta, **added)
     found = await in_turn(
         front,
         curves_document,
@@ -118,4 +128,5 @@ async def curves(
         what="The curves",
         advice="Ask for a smaller window.",
     )
-    return Curves(beta=beta, kappa=kappa, window=Rectangle(**window), **found)
+    numbers: dict[str, Any] = added_document(model.numbers)
+    return Curves(beta=beta, **numbers, window=Rectangle(**window), **found)

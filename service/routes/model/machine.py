@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, Query
@@ -11,11 +11,17 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.operations.points import number
+from gear_rattle.service.routes.model.added import (
+    added_document,
+    machine_texts,
+    query_of,
+    with_fields,
+    with_queries,
+)
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
-from gear_rattle.workers.survey.request import MOST_STIFF
 from rattle import Machine, ParameterError
-from rattle.models import AnyGear, model_of
+from rattle.models import ADDED, AnyGear, model_of
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -31,11 +37,16 @@ LINE = "m along the line of action"
 INERTIA = "kg m², of each of two equal gears with what turns with it"
 DRAG = "N m s/rad: the drag torque of each gear over its speed"
 ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
-STIFFNESS = "N/m of the mesh along the line of action: the stiff model"
 DRIVE = "torque: a constant one on one gear; speed: that of one imposed"
 Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
+#: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
+ADDED_QUERIES: dict[str, dict[str, Any]] = {
+    "beta": {name: query_of(name) for name in ADDED},
+    "drive": {name: Annotated[float | None, positive(text)] for name, text in machine_texts().items()},
+}
 
 
+@with_queries({"drive": ADDED_QUERIES["drive"]})
 async def machine_of_query(
     inertia: Annotated[float, positive(INERTIA, 0.003)],
     drag: Annotated[float, positive(DRAG, 0.0005)],
@@ -44,10 +55,10 @@ async def machine_of_query(
     radius: Annotated[float, positive("m, of the base circle", 0.05)],
     rpm: Annotated[float, positive("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
-    stiffness: Annotated[float | None, positive(STIFFNESS)] = None,
+    **making: Any,
 ) -> Machine:
     """The machine of the query. Raises ParameterError on what can only be in other units."""
-    return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, stiffness=stiffness, rpm=rpm)
+    return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
 
 
 @dataclass(frozen=True)
@@ -58,14 +69,11 @@ class Place:
     machine: Machine | None
 
 
+@with_queries(ADDED_QUERIES)
 async def place_of_query(
     delta: Annotated[float | None, positive("damping; needed without a machine", 0.6)] = None,
     epsilon: Annotated[float | None, positive("eccentricity; needed without a machine", 0.1, zero=True)] = None,
     beta: Annotated[float | None, positive("half-backlash, by default 0.6", 0.6)] = None,
-    kappa: Annotated[
-        float | None,
-        Query(gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else impacting"),
-    ] = None,
     inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
     drag: Annotated[float | None, positive(DRAG)] = None,
     backlash: Annotated[float | None, positive(LINE)] = None,
@@ -73,19 +81,21 @@ async def place_of_query(
     radius: Annotated[float | None, positive("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
-    stiffness: Annotated[float | None, positive(STIFFNESS)] = None,
+    **more: float | None,
 ) -> Place:
     """The point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
     needed["rpm"] = rpm
     plain = {"delta": delta, "epsilon": epsilon}
-    given = [name for name, value in {**needed, "drive": drive, "stiffness": stiffness}.items() if value is not None]
+    added = {name: value for name, value in more.items() if name in ADDED}
+    making = {name: value for name, value in more.items() if name not in ADDED}
+    given = [name for name, value in {**needed, "drive": drive, **making}.items() if value is not None]
     if not given:
-        return Place(model_of(0.6 if beta is None else beta, kappa).gear(**_all_of(plain)), None)
-    both = [name for name, value in {**plain, "beta": beta, "kappa": kappa}.items() if value is not None]
+        return Place(model_of(0.6 if beta is None else beta, **added).gear(**_all_of(plain)), None)
+    both = [name for name, value in {**plain, "beta": beta, **added}.items() if value is not None]
     if both:
         raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} say it twice: give one")
-    machine = Machine(**_all_of(needed), drive=drive or "torque", stiffness=stiffness)
+    machine = Machine(**_all_of(needed), drive=drive or "torque", **making)
     return Place(machine.gear, machine)
 
 
@@ -117,13 +127,21 @@ class Units(BaseModel):
     frequency: float | None = Field(description="Hz, of orders")
 
 
-class MachineDocument(BaseModel):
-    """A machine, two equal gears, as a parameter point, and back."""
-
+class _Plain(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
-    kappa: float | None = Field(description="stiffness of the walls; null: the impacting model")
+
+
+if TYPE_CHECKING:
+    _Numbers = _Plain
+else:
+    _Numbers = with_fields(_Plain)
+
+
+class MachineDocument(_Numbers):
+    """A machine, two equal gears, as a parameter point, and back."""
+
     units: Units
     quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
 
@@ -145,7 +163,7 @@ async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> Machi
         delta=gear.delta,
         epsilon=gear.epsilon,
         beta=gear.beta,
-        kappa=found.kappa,
+        **added_document(found.added),
         units=Units(**{name: number(value) for name, value in found.units._asdict().items()}),
         quiet_limit=quiet_limit,
     )

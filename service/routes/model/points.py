@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
@@ -13,25 +13,19 @@ from gear_rattle.service.errors import LimitError
 from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import number, orbits_document
 from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.added import added_document, with_fields
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
-from gear_rattle.workers.survey.request import MOST_STIFF, OneSpeed
+from gear_rattle.workers.survey.request import OneSpeed
 from rattle.attractors import BUDGET, LARGEST_BUDGET, sampled_speed
 from rattle.models import AnyGear, model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
 Backlash = Annotated[float, Query(gt=0, allow_inf_nan=False, description="half-backlash", examples=[0.6])]
-Stiffness = Annotated[
-    float | None,
-    Query(
-        gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else the impacting one"
-    ),
-]
-
 SampledSpeed = Annotated[
     Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["natural"] | None,
     OneSpeed,
@@ -50,13 +44,20 @@ def require_few(front: Front, count: int) -> None:
         raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
 
 
-class Point(BaseModel):
-    """A point of the parameter space of the gear model."""
-
+class _Plain(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
-    kappa: float | None = Field(description="stiffness of the walls; null: the impacting model")
+
+
+if TYPE_CHECKING:
+    _Numbers = _Plain
+else:
+    _Numbers = with_fields(_Plain)
+
+
+class Point(_Numbers):
+    """A point of the parameter space of the gear model."""
 
 
 class Multiplier(BaseModel):
@@ -216,7 +217,8 @@ async def attractors(
 
 def point_document(gear: AnyGear) -> dict[str, Any]:
     """The fields of `Point`."""
-    return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
+    point = gear.parameters.point()
+    return {name: point[name] for name in ("delta", "epsilon", "beta")} | added_document(point)
 
 
 def attractor_document(item: rattle.Attractor) -> AttractorDocument:

@@ -64,8 +64,8 @@ def test_the_ellipse_of_a_machine_is_one_of_speed_and_eccentricity() -> None:
     [(rattle.Gear(0.6, 0.03), 1.0), (rattle.Gear(0.6, 0.25), 0.0), (Stiff(0.6, 1e4).gear(0.6, 0.03), 1.0)],
 )
 def test_the_yield_where_it_is_known(gear: AnyGear, quiet: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tolerance, "GEARS", 64)
-    monkeypatch.setattr(tolerance, "STIFF_GEARS", 8)
+    monkeypatch.setattr(Impacting, "design_gears", 64)
+    monkeypatch.setattr(Stiff, "design_gears", 8)
     found = tolerance.yield_of(gear, None, Tolerance(0.005, 0.001, 0.9))
     assert (found.quiet.value, found.passing.value) == (quiet, quiet)
     assert f"{100 * quiet:.1f} % [" in tolerance.in_words(found, 0.9)
@@ -78,7 +78,7 @@ def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.Monke
     assert (given["backlash"], given["drive"]) == (100e-6, "torque")
     with pytest.raises(rattle.ParameterError, match="nothing varies"):
         tolerance.yield_of(MACHINE.gear, MACHINE, Tolerance(0.0, 0.0, 0.9))
-    monkeypatch.setattr(tolerance, "GEARS", 128)
+    monkeypatch.setattr(Impacting, "design_gears", 128)
     monkeypatch.setattr(tolerance, "JUDGED", 1)
     found = tolerance.yield_of(MACHINE.gear, MACHINE, Tolerance(0.0, 1e-9, 0.9))
     shares = {each.kind: each.fraction for each in MACHINE.attractors(1024)}
@@ -148,7 +148,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
             return quick(work, *arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(tolerance, "GEARS", 16)
+        monkeypatch.setattr(Impacting, "design_gears", 16)
         assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
         await eventually(lambda: "J a revolution" in panel.loud.html)
         await eventually(lambda: "its lines" in panel.under_spectrum.html)

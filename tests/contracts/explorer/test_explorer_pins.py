@@ -30,7 +30,7 @@ from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
 
-HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, 1e4)
+HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, (("kappa", 1e4),))
 COUNT = 64
 
 
@@ -46,7 +46,8 @@ def parsed(view: View) -> View:
 def test_an_address_keeps_the_pins_to_the_bit() -> None:
     assert parsed(View(pins=(HERE, STIFF))).pins == (HERE, STIFF)
     many = tuple(
-        Pin(0.1234567890123456 + each, 1.2345678901234567e-05, 0.1234567890123456, 1e7 / 3) for each in range(9)
+        Pin(0.1234567890123456 + each, 1.2345678901234567e-05, 0.1234567890123456, (("kappa", 1e7 / 3),))
+        for each in range(9)
     )
     assert parsed(View(pins=many)).pins == many[:MOST_PINS]
     assert View().query() == ""

@@ -1,14 +1,18 @@
 """What is compiled into its callers borrows their arrays; numba's own functions are left alone."""
 
+from importlib import import_module
+from pkgutil import walk_packages
 from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
+import rattle
 from rattle import RattleError
 from rattle.numerics import compile as compiling
 from rattle.numerics.compile import inline, kernel
+from rattle.orbits import return_map
 
 NUMBERS = (numba.float64[::1],)
 
@@ -53,3 +57,27 @@ def test_an_inline_function_is_the_plain_one_from_python() -> None:
 
 def test_where_numba_keeps_functions_of_others_is_left_as_it_was() -> None:
     assert str(compiling.cache_directory()) != numba.config.CACHE_DIR
+
+
+def test_functions_found_by_a_type_are_those_that_the_table_lists() -> None:
+    """Every gear provides each of them, from the module that the docstring of `return_map` says."""
+    documented = {}
+    for line in (return_map.__doc__ or "").splitlines():
+        match line.split():
+            case [function, declared, impacting, stiff] if "." in declared and "." in impacting:
+                documented[f"rattle.{declared}.{function}"] = {f"rattle.{impacting}", f"rattle.{stiff}"}
+    found = {
+        f"{function.__module__}.{function.__name__}": {each.__module__ for each in implementations.values()}
+        for function, implementations in compiling.FOR_TYPES.items()
+        if function.__module__.startswith("rattle.")
+    }
+    assert found == documented
+    assert all(len(implementations) == 2 for implementations in compiling.FOR_TYPES.values())
+
+
+def test_a_process_that_compiles_finds_every_kernel_by_its_name() -> None:
+    names = [found.name for found in walk_packages(rattle.__path__, "rattle.")]
+    modules = [import_module(name) for name in names if ".proof" not in name]
+    kernels = [each for module in modules for each in vars(module).values() if isinstance(each, compiling.Kernel)]
+    assert len(kernels) > 100
+    assert all(getattr(import_module(each.__module__), each.name) is each for each in kernels)

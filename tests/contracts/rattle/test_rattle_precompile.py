@@ -21,22 +21,23 @@ from rattle.intensity.table import intensities_of, one_by_one
 from rattle.impacting.attractors.classifier import cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.curves import trace
+from rattle.parameters import Parameters
 from rattle.stiff import StiffGear
 from rattle.stiff.attractors import classifier
 
 logging.basicConfig(level=logging.INFO, stream=sys.stdout)
 kappa = KAPPA
-rattle.precompile(kappa, load=True)
+rattle.precompile(kappa=kappa, load=True)
 print("precompiled", flush=True)
 delta, epsilon, beta = np.full(3, 0.5), np.array([0.01, 0.1, 0.2]), np.full(3, 0.7)
 if kappa is None:
     gear, table = rattle.Gear(0.5, 0.1, 0.7), rattle.attractors_of(delta, epsilon, beta, count=32)
-    cells, stretched = cells_of(delta, epsilon, beta), stretch
+    cells, stretched = cells_of(Parameters.of("impacting", delta, epsilon, beta)), stretch
     trace("G1", 0.7)
     rattle.grazing("G2", delta, 0.7)
 else:
     gear, table = StiffGear(0.5, 0.1, 0.7, kappa), classifier.attractors_of(delta, epsilon, beta, kappa, count=32)
-    cells, stretched = classifier.cells_of(delta, epsilon, beta, np.full(3, kappa)), one_by_one
+    cells, stretched = classifier.cells_of(Parameters.of("stiff", delta, epsilon, beta, kappa=kappa)), one_by_one
 gear.orbits()
 impulse_balance_errors(table, cells)
 intensities_of(table, cells, stretched)

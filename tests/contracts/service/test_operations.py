@@ -11,7 +11,7 @@ from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.request import DEFAULT
 from gear_rattle.workers.survey.values.quantities import stored
-from rattle.models import Model
+from rattle.models import DEFAULT_MODEL
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "operations.md"
 TEXT = DOCUMENT.read_text()
@@ -25,7 +25,7 @@ def settings_table() -> str:
     """Every setting, its default and what it is."""
     rows = ["| variable | default | |", "|---|---|---|"]
     for name, field in Settings.model_fields.items():
-        shown = "" if field.default in (None, ()) else f"`{field.default}`"
+        shown = "" if field.default in (None, (), "") else f"`{field.default}`"
         rows.append(f"| `RATTLE_{name.upper()}` | {shown} | {field.description or ''} |")
     return "\n".join(rows) + "\n"
 
@@ -37,6 +37,7 @@ def test_the_table_of_settings() -> None:
 
 def test_every_setting_that_is_named_exists() -> None:
     others = {"RATTLE_API_KEY", "RATTLE_CACHE_DIR", "RATTLE_URL", "RATTLE_SITE", "RATTLE_PUBLISH", "RATTLE_FRONT"}
+    others |= {"RATTLE_CLUSTER", "RATTLE_SHARED", "RATTLE_INTERFACE"}  # of deploy/slurm
     known = {f"RATTLE_{name.upper()}" for name in Settings.model_fields} | others
     assert set(re.findall(r"RATTLE_[A-Z_]+", TEXT)) <= known
 
@@ -56,7 +57,7 @@ def test_the_large_survey() -> None:
         "epsilon": {"start": 0.005, "stop": 0.3, "num": 31_623},
     }
     large = SurveyRequest(**axes, tile={"delta": 64, "epsilon": 64})
-    per_cell = sum(each.per_cell for each in stored(DEFAULT, Model.IMPACTING))
+    per_cell = sum(each.per_cell for each in stored(DEFAULT, DEFAULT_MODEL))
     assert f"{large.n_tiles:_}".replace("_", " ") in TEXT
     assert f"{SurveyRequest(**axes).n_tiles:_}".replace("_", " ") in TEXT
     (measured,) = map(int, re.findall(r"\| (\d+) per tile", TEXT))

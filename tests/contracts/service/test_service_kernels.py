@@ -15,7 +15,7 @@ from waiting import HANG, wait_until
 from gear_rattle.service.app import create_app
 from gear_rattle.service.kernels import Kernels, Part
 from gear_rattle.service.settings import Settings
-from rattle.models import Model
+from rattle.models import Impacting, Stiff
 
 POINTS = (
     "/v1/orbits?delta=0.6&epsilon=0.1",
@@ -29,7 +29,7 @@ POINTS = (
 def notes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Path]:
     """Where it would be written, part by part, that all is compiled, and is not."""
     monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
-    return [tmp_path / f"{part}-{Model.IMPACTING}.note" for part in Part]
+    return [tmp_path / f"{part}-{Impacting.name}.note" for part in Part]
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def compiling(monkeypatch: pytest.MonkeyPatch, notes: list[Path]) -> list[Kernel
     """Kernels whose compilation never ends: those of every application that asks for them."""
     begun: list[Kernels] = []
 
-    async def compile_for_ever(self: Kernels, _model: Model) -> None:
+    async def compile_for_ever(self: Kernels, _model: str) -> None:
         begun.append(self)
         await asyncio.Event().wait()
 
@@ -63,7 +63,7 @@ def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list
         health, ready = client.get("/v1/health").json(), client.get("/v1/ready")
         kernels = front_of(client).kernels
         for part in Part:
-            client.portal.call(kernels._ready[Model.IMPACTING, part].set)
+            client.portal.call(kernels._ready[Impacting.name, part].set)
         assert health["status"] == "warming"
         assert_problem(ready, 503, "Kernels are being compiled")
         assert [each.result(HANG).status_code for each in asked] == [200] * len(POINTS)
@@ -75,7 +75,7 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels])
         first = threads.submit(client.get, POINTS[0])
         wait_until(lambda: compiling and compiling[0]._waiting)
         second = client.get(POINTS[1])
-        client.portal.call(front_of(client).kernels._ready[Model.IMPACTING, Part.ORBITS].set)
+        client.portal.call(front_of(client).kernels._ready[Impacting.name, Part.ORBITS].set)
         assert_problem(second, 503, "Kernels are being compiled")
         assert first.result(HANG).status_code == 200
 
@@ -85,9 +85,9 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
     with front_end(tmp_path, max_point_seconds=0.05) as client:
         kernels = front_of(client).kernels
         client.portal.call(kernels.begin)
-        assert not any(model is Model.STIFF for model, _ in kernels._ready)
+        assert not any(model == Stiff.name for model, _ in kernels._ready)
         assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, "Kernels are being compiled")
-        assert any(model is Model.STIFF for model, _ in kernels._ready)
+        assert any(model == Stiff.name for model, _ in kernels._ready)
 
 
 @pytest.mark.usefixtures("notes")
@@ -95,7 +95,7 @@ def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monk
     """What the work of each part compiles is tested below."""
     works: list[str] = []
 
-    async def compiled(_module: str, work: str, model: Model) -> None:
+    async def compiled(_module: str, work: str, model: str) -> None:
         works.append(f"{work} {model}")
 
     monkeypatch.setattr("gear_rattle.service.kernels._apart", compiled)
@@ -124,7 +124,7 @@ def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch
     monkeypatch.setattr("gear_rattle.service.kernels.compile_apart", die)
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
-        task = front_of(client).kernels._tasks[Model.IMPACTING]
+        task = front_of(client).kernels._tasks[Impacting.name]
         wait_until(task.done)
 
 
@@ -147,19 +147,19 @@ import numpy as np
 
 from rattle import RattleError
 from rattle.families.join import joined
-from rattle.models import Model, model_of
+from rattle.models import MODELS, Capability
+from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
 from gear_rattle.service.kernels import WORK
 from rattle.numerics.compile import compile_apart
-from rattle.precompile import KAPPA
 from gear_rattle.service.routes.model.basins import _draw
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 from gear_rattle.workers.survey.template import template_of
 
-name = Model(sys.argv[1])
+name = sys.argv[1]
 compile_apart(WORK, "everything", name)
 needed = []
 
@@ -172,9 +172,9 @@ class Needed(logging.Handler):
 log = logging.getLogger("rattle.numerics.compile")
 log.setLevel(logging.INFO)
 log.addHandler(Needed())
-kappa = KAPPA if name is Model.STIFF else None
-for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa else 2]:
-    model = model_of(beta, kappa)
+added = {each.name: each.example for each in MODELS[name].added}
+for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added else 2]:
+    model = MODELS[name](beta, **added)
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
     intensities(gear, 16, None, 0, 100_000)
@@ -183,27 +183,27 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
         point_parts.basins(gear, 20, method)
     point_parts.motion(gear, 0.3, 4.0, 1.0, 2)
     point_parts.lines(gear)
-    if model.has_margin:
+    if Capability.MARGIN in model.has:
         point_parts.margin(gear)
     for direction in diagrams.SPANS:
         point_parts.diagram(gear, direction, steps=4, count=4)
     _draw(gear, 10, (0.0, 1.0), (0.0, 7.0))
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
-fields = {"model": name} | ({"kappa": kappa} if kappa else {})
-groups = ["region", "orbits", "attractors", "lyapunov", "basins", "intensity", *([] if kappa else ["grazing"])]
+fields = {"model": name, **added}
+groups = ["region", "orbits", "attractors", "lyapunov", "basins", "intensity", *([] if added else ["grazing"])]
 axes = {"delta": {"start": 0.5, "stop": 0.6, "num": 2}, "epsilon": {"start": 0.05, "stop": 0.1, "num": 2}}
 cell_seconds(SurveyRequest(**axes, initial_conditions={"count": 4}, quantities=groups, **fields))
 usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
 template_of(usual)
 compute_tile(usual, tiles_of(usual)[0])
 delta, epsilon = np.linspace(0.35, 0.4, 3), np.linspace(0.2, 0.3, 3)
-joined(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16), model.cells(delta, epsilon))
+joined(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], SampleSpec(16)), model.cells(delta, epsilon))
 print("needed:", needed)
 """
 
 
-@pytest.mark.parametrize("model", [Model.IMPACTING, pytest.param(Model.STIFF, marks=deep)])
-def test_what_is_made_ready_is_all_that_a_point_or_a_survey_needs(model: Model) -> None:
+@pytest.mark.parametrize("model", [Impacting.name, pytest.param(Stiff.name, marks=deep)])
+def test_what_is_made_ready_is_all_that_a_point_or_a_survey_needs(model: str) -> None:
     """Elsewhere in the plane nothing further is compiled."""
     command = [sys.executable, "-c", EVERYTHING, model]
     said = subprocess.run(command, check=True, capture_output=True, text=True, timeout=HANG).stdout

@@ -65,7 +65,7 @@ def test_attractors_of_a_machine_are_those_of_its_point(client: TestClient) -> N
 @pytest.mark.parametrize("kappa", [None, 1e4])
 def test_intensities_are_those_of_the_library(client: TestClient, kappa: float | None) -> None:
     stiff = {} if kappa is None else {"kappa": kappa}
-    gear = rattle.models.model_of(0.6, kappa).gear(**PLAIN)
+    gear = rattle.models.model_of(0.6, kappa=kappa).gear(**PLAIN)
     answer = found(client, "intensity", **PLAIN, **stiff, count=8)
     known = gear.attractors(8)
     assert answer["kappa"] == kappa

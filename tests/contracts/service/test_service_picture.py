@@ -29,6 +29,7 @@ from gear_rattle.workers.pictures import maps
 from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, Finer, Look, Over
 from gear_rattle.workers.pictures.maps import draw_map, map_picture
 from gear_rattle.workers.pictures.overlay import draw_curves
+from rattle.models import Capability
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -257,7 +258,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
 
     async def crisis(model: Any) -> np.ndarray:
         asked.append(model)
-        if model.has_crisis:
+        if Capability.CRISIS in model.has:
             return np.array([[0.5, 0.1], [0.8, 0.12]])
         raise rattle.RattleError("there is none")
 

@@ -95,7 +95,7 @@ def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
     assert few.delta.start == pytest.approx(REQUEST.delta.start + width / 6)  # each stands for a ninth of the plane
     assert few.delta.stop == pytest.approx(REQUEST.delta.stop - width / 6)
     stiff = SurveyRequest(**BODY | {"quantities": ["orbits"], "model": "stiff", "kappa": (1e3, 1e4, 2)})
-    assert stiff.stiffness == 1e4
+    assert stiff.added_numbers == {"kappa": 1e4}
     assert most_like(stiff, []) is None
 
 

@@ -17,7 +17,8 @@ from gear_rattle.workers.cluster import costs, partial, runner
 from gear_rattle.workers.cluster.costs import Begun, evenly
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from gear_rattle.workers.kinds import AnyRequest
-from rattle import models
+from rattle.models import model as models
+from rattle.parameters import Parameters
 
 GRID: dict[str, Any] = {
     "delta": Axis(start=0.58, stop=0.78, num=7),
@@ -61,8 +62,8 @@ def test_a_cell_that_fails_has_its_place(monkeypatch: pytest.MonkeyPatch) -> Non
     bad, of_samples = (2, 5), models.of_samples
     point = SURVEY.delta.values()[bad[1]], SURVEY.epsilon.values()[bad[0]]
 
-    def failing(classifier: Any, cells: list[np.ndarray], *others: Any) -> rattle.Attractors:
-        if np.any((cells[0] == point[0]) & (cells[1] == point[1])):
+    def failing(classifier: Any, cells: Parameters, *others: Any) -> rattle.Attractors:
+        if np.any((cells.delta == point[0]) & (cells.epsilon == point[1])):
             raise rattle.RattleError("no luck here")
         return of_samples(classifier, cells, *others)
 

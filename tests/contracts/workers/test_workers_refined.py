@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, draws, 
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import differ
 from gear_rattle.workers.survey.refined.shares import _parts
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET
+from rattle.attractors.samples import Outcome
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -96,7 +96,7 @@ def test_regions_are_filled_as_they_are() -> None:
 
 def test_filled_orbits_solve_the_equations_of_their_cell(refined: dict[str, np.ndarray]) -> None:
     delta, epsilon = REFINED.delta.values(), REFINED.epsilon.values()
-    filled = np.argwhere((refined["attractor_kind"] == PERIODIC) & (refined["source_level"] > 0))
+    filled = np.argwhere((refined["attractor_kind"] == Outcome.PERIODIC) & (refined["source_level"] > 0))
     assert len(filled) > 100
     for slot, i, j in filled[:: len(filled) // 60]:
         tau, v = refined["attractor_phase"][slot, i, j], refined["attractor_velocity"][slot, i, j]
@@ -111,12 +111,12 @@ def test_filled_orbits_solve_the_equations_of_their_cell(refined: dict[str, np.n
 
 def test_what_is_not_known_of_filled_cells_is_not_told(refined: dict[str, np.ndarray]) -> None:
     filled = refined["source_level"] > 0
-    chaotic = (refined["attractor_kind"] == CHAOTIC) & filled
+    chaotic = (refined["attractor_kind"] == Outcome.CHAOTIC) & filled
     assert chaotic.any()
     assert np.isnan(np.moveaxis(refined["attractor_lyapunov"], 1, 0)[:, chaotic]).all()
     for name in ("lyapunov_max", "sum_rule_error", "impulse_balance_error"):
         assert np.isnan(refined[name][chaotic.any(axis=0)]).all(), name
-    settled = filled & ~chaotic.any(axis=0) & (refined["attractor_kind"] == PERIODIC).any(axis=0)
+    settled = filled & ~chaotic.any(axis=0) & (refined["attractor_kind"] == Outcome.PERIODIC).any(axis=0)
     assert (refined["sum_rule_error"][settled] < 1e-8).all()
 
 
@@ -130,7 +130,7 @@ def test_shares_of_filled_cells_add_up_and_are_wider(
     i, j = (x[::7] for x in np.nonzero(filled))
     delta, epsilon = REFINED.delta.values()[j], REFINED.epsilon.values()[i]
     truth = rattle.attractors_of(delta, epsilon, count=256, seed=9)
-    quiet = np.bincount(truth.cell, truth.samples * (truth.kind == QUIET), i.size) / 256
+    quiet = np.bincount(truth.cell, truth.samples * (truth.kind == Outcome.QUIET), i.size) / 256
     error = np.abs(refined["quiet_fraction"][i, j] - quiet)
     assert (error <= refined["fraction_error"][i, j] + 0.06).mean() > 0.95
     # One sample of 4 tells the share less well than the samples around do.
@@ -235,15 +235,15 @@ def test_families_are_joined_over_filled_cells(tmp_path: Path) -> None:
         join_survey(request, place)
     with open_survey(place) as survey, open_survey(place, "families") as table:
         kind, family = survey.attractor_kind.values, survey.attractor_family.values
-        assert ((family >= 0) == np.isin(kind, (QUIET, PERIODIC, CHAOTIC))).all()
-        assert (family[kind == QUIET] == 0).all()
+        assert ((family >= 0) == np.isin(kind, (Outcome.QUIET, Outcome.PERIODIC, Outcome.CHAOTIC))).all()
+        assert (family[kind == Outcome.QUIET] == 0).all()
         for orbit, label in (("C", (1, 1, 0)), ("D", (1, 1, 1))):
             same = [survey[f"attractor_{name}"] == n for name, n in zip(("m", "n_plus", "n_minus"), label, strict=True)]
-            listed = np.logical_and.reduce([kind == PERIODIC, *(each.values for each in same)]).any(axis=0)
+            listed = np.logical_and.reduce([kind == Outcome.PERIODIC, *(each.values for each in same)]).any(axis=0)
             stable = survey.orbit_stable.sel(orbit=orbit).values
             assert listed[stable].all()
             assert (stable & (survey.source_level.values > 0)).any()
-        assert int(table.cells[0]) >= (kind == QUIET).any(axis=0).sum()
+        assert int(table.cells[0]) >= (kind == Outcome.QUIET).any(axis=0).sum()
 
 
 @deep
@@ -291,7 +291,7 @@ def test_the_stiff_gear_is_refined_by_regions_and_attractors() -> None:
         ({"quantities": ("region", "basins")}, "basins are of each cell and cannot be filled"),
         ({"quantities": ("attractors", "intensity")}, "intensity are of each cell"),
         ({"quantities": ("orbits",)}, "refine goes by regions or attractors"),
-        ({"model": "stiff", "kappa": 1e3}, "orbits of the stiff model cannot be filled"),
+        ({"model": "stiff", "kappa": 1e3}, "known of the impacting model only"),
         ({"tile": {"delta": 48}}, "use a multiple of 32"),
         ({"refine": {"audit": 0}}, "greater than 0"),
         ({"refine": 3}, "refine"),

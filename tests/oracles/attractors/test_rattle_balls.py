@@ -8,13 +8,14 @@ import pytest
 import rattle
 from rattle.attractors.ball import Centres, centres_of, enlarge_one_by_one
 from rattle.attractors.chaos import SAME_FOOTPRINT, group_numbers
-from rattle.attractors.rows import CHAOTIC, PERIODIC, QUIET, UNDECIDED, rows_of
-from rattle.attractors.samples import GRID, Sets
+from rattle.attractors.rows import rows_of
+from rattle.attractors.samples import GRID, Outcome, Sets
 from rattle.attractors.speeds import sampled_speeds
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.iterate import working_block
 from rattle.numerics.sampling import initial_conditions
+from rattle.parameters import Parameters
 
 RNG = np.random.default_rng(45)  # of the planes
 PLANES = {
@@ -30,7 +31,7 @@ def around_orbits(delta, share, beta):
     epsilon = share * rattle.quiet_limit(delta)
     speeds = sampled_speeds(None, delta, epsilon, beta)
     states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)
-    found = ImpactingClassifier.classify((delta, epsilon, beta), *states, 20_000)
+    found = ImpactingClassifier.classify(Parameters.of("impacting", delta, epsilon, beta), *states, 20_000)
     return found, centres_of(np.zeros(delta.size, np.int64), found.orbits, found.cells)
 
 
@@ -100,14 +101,14 @@ def test_rows_are_what_sorting_all_samples_gives(missed):
     rng = np.random.default_rng(45)
     cells, count = 30, 16
     cell = np.repeat(np.arange(cells), count)
-    kind = rng.choice([QUIET, PERIODIC, CHAOTIC, UNDECIDED], cells * count)
-    which = np.where(np.isin(kind, [PERIODIC, CHAOTIC]), rng.integers(0, 3, kind.size), 0)
+    kind = rng.choice([Outcome.QUIET, Outcome.PERIODIC, Outcome.CHAOTIC, Outcome.UNDECIDED], cells * count)
+    which = np.where(np.isin(kind, [Outcome.PERIODIC, Outcome.CHAOTIC]), rng.integers(0, 3, kind.size), 0)
     impacts, time = rng.integers(1, 1000, kind.size), rng.random(kind.size)
     known = rng.integers(3, 6, cells) if missed else np.zeros(cells, np.int64)
     row = np.empty(kind.size, np.int64)
     rows = rows_of(kind, which, impacts, time, known, row)
     of = [(int(c), int(k), int(w)) for c, k, w in zip(cell, kind, which, strict=True)]
-    expected = sorted({*of, *((c, PERIODIC, j) for c in range(cells) for j in range(known[c]))})
+    expected = sorted({*of, *((c, Outcome.PERIODIC, j) for c in range(cells) for j in range(known[c]))})
     assert list(zip(rows.cell.tolist(), rows.kind.tolist(), rows.which.tolist(), strict=True)) == expected
     np.testing.assert_array_equal(row, [expected.index(each) for each in of])
     for i, each in enumerate(expected):

@@ -6,7 +6,7 @@ from scipy.ndimage import label as components
 
 import rattle
 from rattle import stiff
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors
+from rattle.attractors.samples import Outcome
 from rattle.families.pieces import Piece
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY
 from rattle.models import Impacting
@@ -48,7 +48,7 @@ def test_families_of_c_and_d_are_the_connected_parts_of_where_these_are_stable(f
     stable = rattle.period_one(DELTA, EPSILON[:, None]).stable[orbit]
     parts, number = components(stable)
     family = np.full(stable.size, NO_FAMILY)
-    rows = [i for i in np.flatnonzero(found.attractors.kind == PERIODIC) if label(found.attractors, i) == name]
+    rows = [i for i in np.flatnonzero(found.attractors.kind == Outcome.PERIODIC) if label(found.attractors, i) == name]
     family[found.attractors.cell[rows]] = found.family[rows]
     assert np.array_equal(family.reshape(stable.shape) != NO_FAMILY, stable)
     assert len({*zip(parts.ravel(), family, strict=True)}) == number + (not stable.all())
@@ -74,8 +74,8 @@ def test_no_row_is_lost_and_none_is_twice(found):
     for name in ("cell", "kind", "m", "samples", "tau", "v"):
         assert np.array_equal(getattr(found.attractors, name)[~found.entered], getattr(rows, name))
     told = found.attractors.kind
-    assert np.array_equal(found.family == QUIET_FAMILY, told == QUIET)
-    assert np.array_equal(found.family == NO_FAMILY, told == UNDECIDED)
+    assert np.array_equal(found.family == QUIET_FAMILY, told == Outcome.QUIET)
+    assert np.array_equal(found.family == NO_FAMILY, told == Outcome.UNDECIDED)
 
 
 def test_the_way_through_the_grid_decides_nothing(found):
@@ -88,14 +88,14 @@ def test_the_way_through_the_grid_decides_nothing(found):
 
 def test_a_piece_learns_the_same_orbits_in_any_parts(found):
     """Row by row of cells it ends with what the whole join has, each orbit once, with the samples of its cell."""
-    rows = Attractors._make(x[(found.attractors.kind == PERIODIC) & ~found.entered] for x in found.attractors)
+    rows = found.attractors.take((found.attractors.kind == Outcome.PERIODIC) & ~found.entered)
     piece = Piece((EPSILON.size, DELTA.size), Impacting().cells(DELTA, EPSILON))
     order = np.random.default_rng(2).permutation(EPSILON.size)
     for part in np.array_split(order, 6):
         here = np.isin(rows.cell // DELTA.size, part)
-        piece.learn(Attractors._make(x[here] for x in rows))
+        piece.learn(rows.take(here))
     orbits, n = piece.orbits, piece.n
-    expected = found.attractors.kind == PERIODIC
+    expected = found.attractors.kind == Outcome.PERIODIC
     columns = [getattr(found.attractors, name)[expected] for name in ("cell", "m", "n_plus", "n_minus")]
     known = np.where(found.entered, -1, found.attractors.samples)[expected]
     both = [
@@ -139,7 +139,7 @@ def test_two_orbits_of_one_family_in_a_cell_are_told(found):
 def test_a_branch_stays_in_its_family(found, grid):
     """Where pseudo-arclength follows a stable motion past centres of cells, these have it in one family."""
     rows = found.attractors
-    periodic = np.flatnonzero((rows.kind == PERIODIC) & (rows.samples > 0))
+    periodic = np.flatnonzero((rows.kind == Outcome.PERIODIC) & (rows.samples > 0))
     passed = 0
     for i in periodic[:: periodic.size // 6]:
         start = rattle.periodic_orbit(grid[0][i], grid[1][i], rows.tau[i], rows.v[i], int(rows.n_plus[i]))
@@ -175,7 +175,7 @@ def test_joining_finds_what_more_samples_find():
     few, many = (rattle.families_of(delta, epsilon, count=count).attractors for count in (5, 256))
 
     def orbits(rows, sampled):
-        keep = np.flatnonzero((rows.kind == PERIODIC) & (rows.m > 1) & (rows.samples >= sampled))
+        keep = np.flatnonzero((rows.kind == Outcome.PERIODIC) & (rows.m > 1) & (rows.samples >= sampled))
         return {(int(rows.cell[i]), *label(rows, i), round(float(rows.v[i]), 6)) for i in keep}
 
     exist = orbits(many, 3)
@@ -192,7 +192,7 @@ def test_chaos_ends_at_the_boundary_crisis():
     crisis, epsilon = 0.11088676, np.linspace(0.1085, 0.1135, 21)
     epsilon = epsilon[(epsilon < crisis) | (epsilon > crisis + 0.0003)]
     found = rattle.families_of([0.6, 0.6001], epsilon, count=64)
-    chaotic = np.flatnonzero(found.table.kind == CHAOTIC)
+    chaotic = np.flatnonzero(found.table.kind == Outcome.CHAOTIC)
     assert (found.table.cells[chaotic] > 0).all()
     assert found.table.epsilon_high[chaotic].max() == epsilon[epsilon < crisis].max()
 
@@ -226,7 +226,9 @@ def test_one_motion_has_one_number_where_a_step_between_cells_fails():
     """D in region III: Newton's method does not lead from one of these cells to the next, 64 steps in between do."""
     delta, epsilon = np.array([0.6553191489361703, 0.6680851063829788]), np.array([0.07957446808510638])
     found = rattle.families_of(delta, epsilon, count=COUNT)
-    rows = [i for i in np.flatnonzero(found.attractors.kind == PERIODIC) if label(found.attractors, i) == (1, 1, 1)]
+    rows = [
+        i for i in np.flatnonzero(found.attractors.kind == Outcome.PERIODIC) if label(found.attractors, i) == (1, 1, 1)
+    ]
     one, other = rows
     between = rattle.period_one(np.linspace(*delta, 65), epsilon[0])
     assert between.stable[3].all()

@@ -10,7 +10,7 @@ import pytest
 from depth import either
 
 import rattle
-from rattle.flight import first_impact, law
+from rattle.flight import first_impact, forcing, law
 
 FLIGHTS = json.loads((Path(__file__).parents[2] / "reference" / "flights.json").read_text())
 
@@ -45,11 +45,11 @@ def test_the_proof_and_the_panels_agree():
         delta, epsilon, beta = rng.uniform(0.2, 1.5), rng.uniform(0, 0.4), rng.uniform(0.2, 1.2)
         wall, tau, w = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-6, 1.17)
         w *= -wall
-        flight = law.leaving(tau, w, delta, epsilon, law.DRIFT)
+        flight = law.leaving(tau, w, delta, epsilon, forcing.DRIFT)
         ok, target, s, w1, *_ = first_impact.proven_impact(wall, tau, flight, beta)
         if ok:
             proved += 1
-            march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, law.DRIFT)
+            march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, forcing.DRIFT)
             assert (march_status, march_target) == (panel_march.FOUND, target)
             assert abs(march_s - s) <= 1e-13 * s + 1e-14 / abs(w1)
     assert 0.4 * count < proved < 0.975 * count  # both outcomes of the proof were really exercised

@@ -10,8 +10,8 @@ from compiled import compiled
 from depth import either
 
 import rattle
+from rattle.flight.forcing import DRIFT
 from rattle.flight.lanes.block import FIELDS, LANES, TABLES, block, empty, load, move
-from rattle.flight.law import DRIFT
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.iterate import paths
 

@@ -13,7 +13,9 @@ from depth import either
 
 import rattle
 from rattle.flight import coefficients, generate_coefficients
+from rattle.flight.contact_phase import stays_in_contact
 from rattle.flight.first_impact import safe_impact
+from rattle.flight.forcing import DRIFT, TWO_PI, negative_arc
 from rattle.flight.guess import (
     ERROR,
     depth,
@@ -25,9 +27,8 @@ from rattle.flight.guess import (
     speed_scale,
     taylor,
 )
-from rattle.flight.law import DRIFT, TWO_PI, evaluate, evaluate32, evaluate_short, leaving, negative_arc
+from rattle.flight.law import evaluate, evaluate32, evaluate_short, leaving
 from rattle.flight.proof import arc_in_single, lowest_point, single_turn
-from rattle.impacting.map import impact_map
 
 F32 = np.float32
 RNG_SEED = 2009
@@ -273,11 +274,11 @@ def test_stated_bounds_of_the_polynomials_hold(name):
 def test_a_graze_goes_on_and_a_pressed_ball_rests():
     """Above the quiet limit the force at phase 0 points into the gap from Σ⁺ and presses on Σ⁻; at 1/2 the reverse."""
     delta, epsilon, beta = 0.6, 0.5, 0.6
-    assert not impact_map.rests(1, 0.0, 0.0, delta, epsilon, DRIFT)
-    assert impact_map.rests(-1, 0.0, 0.0, delta, epsilon, DRIFT)
-    assert impact_map.rests(1, 0.0, 0.5, delta, epsilon, DRIFT)
-    assert not impact_map.rests(-1, 0.0, 0.5, delta, epsilon, DRIFT)
-    assert not impact_map.rests(1, -1e-3, 0.5, delta, epsilon, DRIFT)
+    assert not stays_in_contact(1, 0.0, 0.0, delta, epsilon, DRIFT)
+    assert stays_in_contact(-1, 0.0, 0.0, delta, epsilon, DRIFT)
+    assert stays_in_contact(1, 0.0, 0.5, delta, epsilon, DRIFT)
+    assert not stays_in_contact(-1, 0.0, 0.5, delta, epsilon, DRIFT)
+    assert not stays_in_contact(1, -1e-3, 0.5, delta, epsilon, DRIFT)
     for wall, tau in ((1, 0.0), (-1, 0.5)):  # speed 0, and yet a flight
         status, s, target, w1, *_ = safe_impact(wall, tau, leaving(tau, 0.0, delta, epsilon, DRIFT), beta)
         assert (status, s > 0, target * w1 > 0) == (0, True, True)

@@ -152,7 +152,7 @@ def test_shapes_and_the_formula() -> None:
 
 @pytest.mark.parametrize(("delta", "kappa"), [(0.3, 1e4), (0.6, 1e4), (0.7, 1e6)])
 def test_sn1_of_the_stiff_gear(delta: float, kappa: float) -> None:
-    limits = model_of(0.6, kappa).limits(delta)
+    limits = model_of(0.6, kappa=kappa).limits(delta)
     assert limits.sn1 is not None
     below, above = (
         {orbit.name for orbit in StiffGear(delta, limits.sn1 * (1 + off), 0.6, kappa).orbits()} for off in (-1e-6, 1e-6)
@@ -163,6 +163,6 @@ def test_sn1_of_the_stiff_gear(delta: float, kappa: float) -> None:
 
 
 def test_where_the_stiff_gear_has_no_sn1() -> None:
-    sn1, flip = model_of(0.6, 1e4).limits(1.0).missing
+    sn1, flip = model_of(0.6, kappa=1e4).limits(1.0).missing
     assert sn1.reason.startswith("none: A and C are not born in a saddle-node at delta = 1")
     assert "PDC" in flip.reason

@@ -11,7 +11,8 @@ from mpmath import mp
 
 import rattle
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.law import DRIFT, folded, wrapped
+from rattle.flight.forcing import DRIFT
+from rattle.flight.law import folded, wrapped
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.stable import stable_cells

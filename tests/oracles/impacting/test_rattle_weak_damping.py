@@ -9,7 +9,7 @@ from high_precision import Flight
 from mpmath import mp, mpf
 
 import rattle
-from rattle.attractors.samples import QUIET
+from rattle.attractors.samples import Outcome
 from rattle.crisis import boundary_crisis
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.attractors.settle import Cells
@@ -110,7 +110,9 @@ def test_the_margin_is_that_of_a_grid_of_long_simulations(point, least):
     follow = ImpactingClassifier(Cells(*cells, capture_invariants(*cells)), nothing, nothing).settled
     speeds = found.v * np.array([0.5, 0.8, 0.95, 0.999, 1.0001])
     tau, v = (x.ravel() for x in np.meshgrid(np.append((np.arange(60) + 0.5) / 60, found.tau), speeds))
-    rests = follow(np.zeros(tau.size, int), tau, v, np.full(tau.size, 100_000)).reshape(speeds.size, -1) == QUIET
+    rests = (
+        follow(np.zeros(tau.size, int), tau, v, np.full(tau.size, 100_000)).reshape(speeds.size, -1) == Outcome.QUIET
+    )
     assert rests[:-1].all()
     assert not rests[-1].all()
 

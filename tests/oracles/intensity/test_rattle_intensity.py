@@ -7,6 +7,7 @@ import pytest
 from pieces import CELLS, contact_force, nodes, stable_orbits
 
 import rattle
+from rattle.attractors import SampleSpec
 from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.models import model_of
 from rattle.stiff import StiffGear, from_limit
@@ -156,11 +157,11 @@ def test_what_is_no_motion_of_the_gear_is_refused() -> None:
                 watch(chaos("impacting"))
 
 
-@pytest.mark.parametrize("model", [model_of(0.6), model_of(0.6, 1e4)], ids=["impacting", "stiff"])
+@pytest.mark.parametrize("model", [model_of(0.6), model_of(0.6, kappa=1e4)], ids=["impacting", "stiff"])
 def test_the_impulses_of_a_cells_attractors_balance(model):
     """An audit of surveys: to rounding on periodic motions, within (largest speed)/T on chaos."""
     delta, epsilon = np.full(4, 0.6), np.array([0.05, 0.078, 0.089, 0.1])
-    table = model.attractors_of(delta, epsilon, 32)
+    table = model.attractors_of(delta, epsilon, SampleSpec(32))
     errors = model.impulse_balance_errors(delta, epsilon, table)
     periodic, chaotic = (table.kind == rattle.KINDS.index(kind) for kind in ("periodic", "chaotic"))
     assert periodic.sum() >= 5

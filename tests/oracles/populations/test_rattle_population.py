@@ -194,5 +194,5 @@ def test_teeth_that_give_way_are_followed_too() -> None:
         gear = rattle.stiff.StiffGear(0.6, values[k, 0], 0.6, values[k, 1])
         share = sum(x.fraction for x in gear.attractors(4, NATURAL, seed=0) if x.kind == "quiet")
         assert (found.energy[k] == 0.0).mean() == share
-    with pytest.raises(rattle.ParameterError, match="leave the stiffness out"):
+    with pytest.raises(rattle.ParameterError, match="of the impacting model only"):
         of(given, margin=0.1)

@@ -95,8 +95,9 @@ def test_gears_are_the_machines_of_their_numbers_to_the_bit(more: dict[str, Any]
     points = tolerances.points(values)
     for k, row in enumerate(values):
         machine = rattle.Machine(**{**given, **dict(zip(tolerances.names, row, strict=True))})
-        kappa = None if points.kappa is None else points.kappa[k]
-        assert (points.delta[k], points.epsilon[k], points.beta[k], kappa) == (
+        at = points.parameters
+        kappa = at.added["kappa"][k] if at.added else None
+        assert (at.delta[k], at.epsilon[k], at.beta[k], kappa) == (
             machine.delta,
             machine.epsilon,
             machine.beta,

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field
 
 from gear_rattle.workers.survey.axes import Real, Strict
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
-from rattle.models import Model
+from rattle.models import MODELS, Capability, require_capability
 
 BLOCK = 32  # cells along a side of a block, whose corners are at its multiples whatever the tiles
 AUDIT = 0.02  # of the filled cells
@@ -33,7 +33,7 @@ def _refine_or_not(value: Any) -> Any:
 RefineOrNot = BeforeValidator(_refine_or_not)
 
 
-def require_refinable(quantities: Iterable[Group], model: Model) -> None:
+def require_refinable(quantities: Iterable[Group], model: str) -> None:
     """Raise ValueError unless these groups of variables can be filled where they are not computed."""
     groups = set(quantities)
     if not groups & {Group.REGION, *SAMPLED}:
@@ -41,5 +41,5 @@ def require_refinable(quantities: Iterable[Group], model: Model) -> None:
     for group in (Group.BASINS, Group.INTENSITY):
         if group in groups:
             raise ValueError(f"{group} are of each cell and cannot be filled: leave them out, or leave refine out")
-    if Group.ORBITS in groups and model is Model.STIFF:
-        raise ValueError("orbits of the stiff model cannot be filled: leave these out, or leave refine out")
+    if Group.ORBITS in groups:
+        require_capability(Capability.FILLED_ORBITS, MODELS[model])

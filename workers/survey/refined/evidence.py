@@ -50,15 +50,14 @@ class Evidence:
                 self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
         if not self.sampled:
             return
-        sample = own.count, own.v_max, own.seed, own.budget, own.tau, own.v_min
-        found = model.attractors_of(delta, epsilon, *sample)
-        found = found._replace(cell=cells[found.cell])
+        found = model.attractors_of(delta, epsilon, own.sample)
+        found = found.replace(cell=cells[found.cell])
         for which, kind in enumerate(SEEN):
             np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])
         table = together(self.table, found)
         order = in_order(table)
-        self.table = Attractors._make(x[order] for x in table)
-        self._continue(Attractors._make(x[found.kind == PERIODIC] for x in found))
+        self.table = table.take(order)
+        self._continue(found.take(found.kind == PERIODIC))
 
     def _continue(self, periodic: Attractors) -> None:
         """Continue orbits of computed cells everywhere in the blocks of these."""
@@ -68,8 +67,8 @@ class Evidence:
             here = (top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)
             if not here.any():
                 continue
-            mine = Attractors._make(x[here] for x in periodic)
-            mine = mine._replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
+            mine = periodic.take(here)
+            mine = mine.replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
             piece = self.existing.get(block) or self._piece(top, left, height, width)
             piece.learn(mine)
             self.existing[block] = piece

@@ -93,7 +93,7 @@ class RefinedCells(Cells):
     def _followed(self) -> RefinedCells:
         """The same cells with the attractors that were followed."""
         rows = ~self._guessed
-        return replace(self, table=Attractors._make(x[rows] for x in self.table), wider=self.wider[rows])
+        return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 
 
 class Plan(NamedTuple):
@@ -129,8 +129,8 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> Refi
     height, width = rows.stop - rows.start, columns.stop - columns.start
     row, column = np.divmod(table.cell, blocks.shape[1])
     mine = (row < height) & (column < width)
-    table = table._replace(cell=row * width + column)
-    order = np.flatnonzero(mine)[in_order(Attractors._make(x[mine] for x in table))]
+    table = table.replace(cell=row * width + column)
+    order = np.flatnonzero(mine)[in_order(table.take(mine))]
 
     def own(values: np.ndarray) -> np.ndarray:
         return values.reshape(blocks.shape)[:height, :width]
@@ -141,7 +141,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> Refi
             "delta": whole.delta[columns],
             "epsilon": whole.epsilon[rows],
         },
-        table=Attractors._make(x[order] for x in table),
+        table=table.take(order),
         wider=wider[order],
         regions=own(evidence.region),
         source_level=own(level),

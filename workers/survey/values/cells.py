@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 
 import rattle
-from rattle.attractors import SpeedLimit, sampled_speed, sampled_speeds
+from rattle.attractors import SampleSpec, SpeedLimit
 from rattle.intensity import Intensities
-from rattle.models import AnyModel
+from rattle.models import Model
 
 GRAZING_CURVES = ("G1", "G2")
 AUDIT = ("not_audited", "agreed", "disagreed")
@@ -25,14 +25,20 @@ class Cells:
 
     delta: np.ndarray  # (n_delta,)
     epsilon: np.ndarray  # (n_epsilon,)
-    model: AnyModel
-    count: int  # initial conditions per cell; 0 where no attractors are asked for
-    v_max: SpeedLimit
-    seed: int
-    budget: int
+    model: Model
+    sample: SampleSpec
+    is_sampled: bool  # whether attractors are asked for
     slots: int  # attractors that are listed
-    tau: tuple[float, float] = (0.0, 1.0)  # phases that are sampled
-    v_min: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Initial conditions per cell, 0 where no attractors are asked for."""
+        return self.sample.count if self.is_sampled else 0
+
+    @property
+    def v_max(self) -> SpeedLimit:
+        """The largest speed of the sample."""
+        return self.sample.v_max
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -71,8 +77,7 @@ class Cells:
     @cached_property
     def attractors(self) -> rattle.Attractors:
         """The attractors of all cells, row by row: each cell's are those of the gear at its point, to the bit."""
-        sample = self.count, self.v_max, self.seed, self.budget, self.tau, self.v_min
-        return self.model.attractors_of(self.delta, self.epsilon[:, None], *sample)
+        return self.model.attractors_of(self.delta, self.epsilon[:, None], self.sample)
 
     @cached_property
     def intensities(self) -> Intensities:
@@ -82,8 +87,7 @@ class Cells:
     @cached_property
     def sampled_speed(self) -> np.ndarray:
         """The largest speed of the sample, shape (n_epsilon, n_delta)."""
-        delta, epsilon = np.broadcast_arrays(self.delta, self.epsilon[:, None])
-        return sampled_speeds(self.v_max, delta, epsilon, np.full(self.shape, self.model.beta))
+        return self.sample.highest(self.model.at(self.delta, self.epsilon[:, None]))
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
@@ -105,8 +109,7 @@ class Cells:
         for (i, j), late in np.ndenumerate(self.rests_late):
             if not late:
                 point = float(self.delta[j]), float(self.epsilon[i])
-                v_max = sampled_speed(self.v_max, *point, self.model.beta)
-                basins = self.model.gear(*point).basins(BASIN_RESOLUTION, v_max, "refined")
+                basins = self.model.gear(*point).basins(BASIN_RESOLUTION, self.v_max, "refined")
                 found[:, i, j] = rattle.basin_entropy(basins)[:2]
         return found
 

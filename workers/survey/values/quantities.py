@@ -9,7 +9,7 @@ import rattle
 from gear_rattle.workers.survey.values import evaluate, intensity
 from gear_rattle.workers.survey.values.cells import AUDIT, GRAZING_CURVES
 from gear_rattle.workers.survey.values.schema import CELL, Coordinate, Group, Quantity
-from rattle.models import Model
+from rattle.models import Capability
 
 DOI = "10.1137/090759641"
 
@@ -37,9 +37,6 @@ _SUM_RULE = f"tangent map of {_MAP}"
 _ORBIT = ("orbit", *CELL)
 _SLOT = ("attractor", *CELL)
 _CURVE = ("grazing_curve", "delta")
-
-#: What is defined by a graze, or by rest that an impact speed decides.
-IMPACTING = frozenset({Model.IMPACTING})
 
 _nan = float("nan")
 
@@ -283,6 +280,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "largest |(Σv+ − Σv-)/2πδT − 1| of the attractors that are not quiet; rounding if all are periodic",
         _MAP,
         evaluate.impulse_balance_error,
+        needs=Capability.BALANCE,
     ),
     Quantity(
         "grazing_epsilon",
@@ -292,7 +290,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "ε on the grazing curve",
         _PLANE,
         evaluate.grazing("epsilon"),
-        models=IMPACTING,
     ),
     Quantity(
         "grazing_phase",
@@ -302,7 +299,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "phase τ of the grazing orbit, in forcing periods",
         _PLANE,
         evaluate.grazing("tau"),
-        models=IMPACTING,
     ),
     Quantity(
         "grazing_multiplier",
@@ -312,7 +308,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "Floquet multiplier of the grazing orbit, without the square root",
         _PLANE,
         evaluate.grazing("multipliers"),
-        models=IMPACTING,
     ),
     Quantity(
         "robust_chaos",
@@ -322,7 +317,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "whether δ lies inside the robust-chaos interval",
         _PLANE,
         lambda cells: cells.robust_chaos,
-        models=IMPACTING,
     ),
     Quantity(
         "basin_entropy",
@@ -350,7 +344,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "least impact speed that loses quiet motion; inf: none found, 0: no quiet motion",
         _QUIET,
         lambda cells: cells.boundary_distance.v,
-        models=IMPACTING,
+        needs=Capability.MARGIN,
     ),
     Quantity(
         "boundary_distance_phase",
@@ -360,7 +354,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "phase τ of the least impact that loses quiet motion, in forcing periods",
         _QUIET,
         lambda cells: cells.boundary_distance.tau,
-        models=IMPACTING,
+        needs=Capability.MARGIN,
     ),
     Quantity(
         "crisis_side",
@@ -371,7 +365,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         _ORBITS,
         lambda cells: cells.crisis_side,
         rattle.CRISIS_SIDES,
-        IMPACTING,
+        Capability.CRISIS,
     ),
     *intensity.QUANTITIES,
     Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
@@ -415,21 +409,21 @@ BOUNDED: tuple[Quantity, ...] = (
 )
 
 
-def groups_of(model: Model) -> tuple[Group, ...]:
+def groups_of(model: str) -> tuple[Group, ...]:
     """Return the groups of which a model has variables; no tile writes those of families."""
-    in_tiles = {each.group for each in QUANTITIES if model in each.models}
+    in_tiles = {each.group for each in QUANTITIES if each.is_of(model)}
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
-def stored(groups: Iterable[Group], model: Model, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
+def stored(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
     """Return the variables that a store has of `held`: of complex ones both parts."""
     return tuple(part for quantity in held(groups, model, more) for part in quantity.parts)
 
 
-def held(groups: Iterable[Group], model: Model, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
+def held(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
     """Return the variables of these groups that a model has, more of them, and `status`."""
     wanted = {*groups, None}
-    *found, status = (each for each in QUANTITIES if each.group in wanted and model in each.models)
+    *found, status = (each for each in QUANTITIES if each.group in wanted and each.is_of(model))
     return *found, *more, status
 
 

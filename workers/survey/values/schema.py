@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from gear_rattle.workers.survey.values.evaluate import Evaluate
-from rattle.models import Model
+from rattle.models import MODELS, OTHERS, Capability
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
-FIXED = ("beta", "kappa")  # coordinates of a whole survey
+FIXED = OTHERS  # coordinates of a whole survey
 #: What only periodic attractors have: of another it is that of any of its states.
 OF_PERIODIC = frozenset({"attractor_phase"})
 PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable, each stored as one of its own
@@ -46,6 +46,13 @@ SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
 #: The groups that another one is made from: a request that names it has these too.
 NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
+#: What a model must have for all variables of a group.
+GROUP_NEEDS = {
+    Group.REGION: Capability.PERIOD_ONE,
+    Group.ORBITS: Capability.PERIOD_ONE,
+    Group.GRAZING: Capability.CORNERS,
+    Group.INTENSITY: Capability.INTENSITY,
+}
 DEFAULT = tuple(group for group in Group if group not in OPTIONAL)
 
 
@@ -69,13 +76,18 @@ class Quantity:
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    models: frozenset[Model] = frozenset(Model)  # that have it
+    needs: Capability | None = None  # what a model must have for it, beside what its group needs
 
     @property
     def fill(self) -> int | float | complex | bool:
         """What an entry holds before it is computed and where the thing does not exist: NaN, False or 0."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
+
+    def is_of(self, model: str) -> bool:
+        """Whether a model has it."""
+        needed = {self.needs, GROUP_NEEDS.get(self.group)} if self.group else {self.needs}
+        return (needed - {None}) <= MODELS[model].has
 
     @property
     def per_cell(self) -> bool:

@@ -1,0 +1,226 @@
+"""A survey of 10⁹ cells whose tiles compute nothing: what the service, the scheduler and the job database take.
+
+    PYTHONPATH=. python benchmarks/scale.py --seconds 300
+
+A real service and a real dask scheduler; the workers are simulated: many in a process, which come and go, and whose
+tiles are files that were encoded once. Prints a table: tiles, seconds a tile, memory, rows; then the time of a resume
+after SIGKILL, and of `rattle verify`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import random
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+
+HERE = Path(__file__).parent
+SIDE, TILE = 31_623, 64
+LIMITS = {
+    "RATTLE_MAX_CELLS": str(2 * SIDE**2),
+    "RATTLE_MAX_TILES": "1000000",
+    "RATTLE_MAX_SAMPLES": str(10**12),
+    "RATTLE_EXPLORER": "false",
+    "RATTLE_PRELOAD": "false",
+}
+QUIET = {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": "10"}  # as deploy/ has it
+PROCESSES = 2  # of simulated workers
+STAY_SECONDS = 10.0  # after so long one of them leaves, and another one comes
+
+
+def free_port() -> int:
+    """Return a port of this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def started(*command: str, **settings: str) -> Iterator[psutil.Process]:
+    """Run a process for as long as the context lasts."""
+    environment = os.environ | {"PYTHONPATH": str(HERE.parent)} | settings
+    log = open(os.environ.get("SCALE_LOG", os.devnull), "a")  # noqa: SIM115 - the process has it
+    with log, subprocess.Popen(command, env=environment, stdout=log, stderr=log) as process:
+        try:
+            yield psutil.Process(process.pid)
+        finally:
+            process.terminate()
+
+
+def body(side: int) -> dict[str, Any]:
+    """Return the survey: regions over the plane of Figure 7."""
+    return {
+        "delta": {"start": 0.4, "stop": 1.0, "num": side},
+        "epsilon": {"start": 0.005, "stop": 0.3, "num": side},
+        "quantities": ["region"],
+        "tile": {"delta": TILE, "epsilon": TILE},
+    }
+
+
+async def simulate(url: str, number: int) -> None:
+    """Be so many workers, of which one leaves and another one comes now and then."""
+    from distributed import Worker
+
+    from gear_rattle.workers.cluster import cluster, runner
+    from gear_rattle.workers.storage import store
+    from gear_rattle.workers.survey.manifest import digests
+    from gear_rattle.workers.survey.tiles import TileRecord
+
+    encoding = threading.Lock()
+
+    @lru_cache(maxsize=8)
+    def contents(request: Any, shape: tuple[int, ...]) -> list[bytes]:
+        import numpy as np
+
+        tile = next(each for each in runner_tiles(request) if _shape(each) == shape)
+        _, arrays, _ = store._blank(request)
+        return list(
+            store._encoded(
+                request,
+                tile,
+                {
+                    name: np.ones(np.broadcast_to(0, each.shape)[tile.at].shape, each.dtype)
+                    for name, each in arrays.items()
+                },
+            ).values()
+        )
+
+    def nothing(request: Any, path: str, tile: Any, *_: Any) -> TileRecord:
+        keys = store._keys(request, tile).values()
+        with encoding:  # workers are threads of this process, and an encoder is one for all
+            written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
+        place = store._place(path, request)
+        for key, content in written.items():
+            place.put(key, content)
+        return TileRecord(tile.index, tile.n_cells, (), 0, 0.001, files=digests(written))
+
+    def runner_tiles(request: Any) -> list[Any]:
+        from gear_rattle.workers.survey.tiles import tiles_of
+
+        return tiles_of(request)
+
+    runner.advance_tile = nothing
+
+    cluster.rattle.precompile = lambda *_, **__: None
+
+    def begin() -> Any:
+        return Worker(url, nthreads=1, memory_limit=0, dashboard=False, host="127.0.0.1", silence_logs=50)
+
+    workers = [await begin() for _ in range(number)]
+    while True:
+        await asyncio.sleep(STAY_SECONDS)
+        leaving = workers.pop(random.randrange(len(workers)))
+        with suppress(Exception):
+            await leaving.close()
+        workers.append(await begin())
+
+
+def _shape(tile: Any) -> tuple[int, ...]:
+    return tuple(span.stop - span.start for span in tile.spans)
+
+
+def mebibytes(process: psutil.Process) -> int:
+    """Return the memory of a process."""
+    return int(process.memory_info().rss / 2**20)
+
+
+def rows_in(database: Path) -> dict[str, int]:
+    """Return the rows of each large table of the job database."""
+    with sqlite3.connect(f"file:{database}?mode=ro", uri=True) as connection:
+        names = [name for (name,) in connection.execute("select name from sqlite_master where type = 'table'")]
+        return {name: connection.execute(f"select count(*) from {name}").fetchone()[0] for name in names}
+
+
+@contextmanager
+def service(data: Path, scheduler: str) -> Iterator[tuple[str, psutil.Process]]:
+    """Run the service on a scheduler; its address and its process."""
+    port = free_port()
+    command = [sys.executable, "-m", "gear_rattle.cli", "serve", "--port", str(port), "--data", str(data)]
+    with started(*command, "--scheduler", scheduler, **LIMITS) as process:
+        url = f"http://127.0.0.1:{port}"
+        while True:
+            with suppress(httpx.TransportError):
+                if httpx.get(f"{url}/v1/health", timeout=60).json()["cluster"] == "ready":
+                    break
+            time.sleep(0.5)
+        yield url, process
+
+
+def tiles_done(url: str, survey: str) -> int:
+    """Return how many tiles of a survey are done."""
+    return int(httpx.get(f"{url}{survey}", timeout=600).json()["tiles_done"])
+
+
+def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Process]) -> int:
+    """Print a line for each tenth of some time: tiles, seconds a tile, memory. Return the tiles at the end."""
+    began, before = time.monotonic(), tiles_done(url, survey)
+    last = began
+    while last - began < seconds:
+        time.sleep(seconds / 10)
+        now, done = time.monotonic(), tiles_done(url, survey)
+        memory = " | ".join(str(mebibytes(each)) for each in watched.values())
+        pace = 1e3 * (now - last) / max(done - before, 1)
+        print(f"| {now - began:.0f} | {done:,} | {pace:.1f} | {memory} |", flush=True)
+        last, before = now, done
+    return before
+
+
+def main() -> None:
+    """Measure, and print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=300.0)
+    parser.add_argument("--workers", type=int, default=64)
+    parser.add_argument("--side", type=int, default=SIDE)
+    parser.add_argument("--simulate", metavar="URL")
+    given = parser.parse_args()
+    if given.simulate:
+        asyncio.run(simulate(given.simulate, given.workers))
+        return
+    port = free_port()
+    address = f"tcp://127.0.0.1:{port}"
+    dask = (sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+    ours = (sys.executable, __file__, "--simulate", address, "--workers", str(given.workers // PROCESSES))
+    with tempfile.TemporaryDirectory(prefix="rattle-scale-") as directory, started(*dask, **QUIET) as scheduler:
+        data = Path(directory) / "data"
+        with started(*ours), started(*ours):
+            with service(data, address) as (url, front):
+                began = time.monotonic()
+                survey = httpx.post(f"{url}/v1/surveys", json=body(given.side), timeout=600).json()["links"]["self"]
+                while not tiles_done(url, survey):
+                    time.sleep(0.1)
+                print(f"first tile after {time.monotonic() - began:.1f} s")
+                print("| s | tiles | ms a tile | front, MiB | scheduler, MiB |\n|---|---|---|---|---|")
+                done = watch(url, survey, given.seconds, {"front": front, "scheduler": scheduler})
+                print("rows:", rows_in(data / "jobs.sqlite"))
+                front.send_signal(signal.SIGKILL)
+            began = time.monotonic()
+            with service(data, address) as (url, front):
+                while tiles_done(url, survey) <= done + 100:
+                    time.sleep(0.1)
+                print(f"resumed after {time.monotonic() - began:.1f} s, {mebibytes(front)} MiB")
+        began = time.monotonic()
+        (store,) = (data / "surveys").glob("*.zarr")
+        verified = subprocess.run(
+            [sys.executable, "-m", "gear_rattle.cli", "verify", str(store)], capture_output=True, text=True, check=False
+        )
+        print(f"verified in {time.monotonic() - began:.1f} s: {verified.stdout.strip()}")
+
+
+if __name__ == "__main__":
+    main()

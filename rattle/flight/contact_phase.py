@@ -1,0 +1,42 @@
+"""Contact that lasts: a phase of a motion, with an entry and, if the contact force changes sign, a release (compiled).
+
+In contact Φ' = 0 on a wall, and the contact force presses on it. This module alone decides where a motion enters:
+
+- `is_captured`: the bounces on Σ⁺ are certain to die out there, though they never end. That is quiet motion, the one
+  contact that a motion with elastic impacts enters; it has no release, since the force never changes sign.
+- `stays_in_contact`: there is no speed into the gap, and the force presses. Elastic impacts lead there from no other
+  state: it is a start on the wall, or a speed that leaves double precision.
+
+A law whose chatter completes (`ImpactLaw.chatter_completes`) enters in finite time where it bounces, and is released
+with speed 0 at the phase where the force turns away, the entry of `forcing.negative_arc` on Σ⁺ and its exit on Σ⁻. The
+stiff gear's contacts have depth: `rattle.stiff.map.flow.departs` is their release, and one without an end is quiet.
+"""
+
+from rattle.flight.forcing import contact_force, library_phase
+from rattle.numerics.compile import inline, kernel
+
+IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
+ENDLESS = 3  # status of a motion that makes MOST_BOUNCES impacts on Σ⁻ between two on Σ⁺
+MOST_BOUNCES = 100_000
+SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
+
+
+@inline
+def is_captured(speed, force, largest_invariant):
+    """True if the bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet: v³/g is at most
+    the largest invariant of `rattle.impacting.map.quiet`.
+    """
+    return speed * speed * speed <= largest_invariant * force
+
+
+@kernel
+def stays_in_contact(wall, w, tau, delta, epsilon, drift):
+    """True if the motion does not leave the wall: no speed into the gap, and a contact force that presses on the wall.
+
+    A graze arrives with no speed and leaves at once, because the force points into the gap.
+    """
+    if wall * w < -SLOWEST:
+        return False
+    sine, cosine = library_phase(tau)
+    force = contact_force(sine, cosine, delta, epsilon, drift)
+    return not (w == 0.0 and wall * force < 0.0)

@@ -1,0 +1,454 @@
+"""The forcing e(t), and the contact force g(t) that it makes: the one place that knows the shape of the forcing.
+
+    Φ'' + δΦ' = g(t),    g(t) = δq + e''(t) + δe'(t),    e(t) = ε cos 2πt,    q = 4π
+
+Kernels hold a phase as its sine and cosine, from which any harmonic follows, and the forcing as the argument `epsilon`:
+a number, the amplitude of one cosine. Another forcing is another type of this argument, for which numba compiles these
+functions, and all kernels that ask them, anew; one cosine stays the special case with today's instructions. Functions
+take both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to
+a number: the order of operations is part of the stored bits. Python asks `Forcing`.
+
+These hold for one cosine only, and say so in their modules: A to D in closed form and their limits
+(`rattle.impacting.orbits.closed_form`, `limits`), one arc of negative contact force (`negative_arc`, and the
+certificates of a first impact in `proof` that use it), contacts with stiff walls, which respond to one frequency
+(`rattle.stiff.map.contact`), and proofs (`rattle.proof`).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy import float32 as f32
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.flight import coefficients
+from rattle.numerics.compile import inline, kernel
+from rattle.numerics.polynomial import degree_4, degree_5, degree_10
+
+TWO_PI = 2.0 * math.pi
+DRIFT = 4.0 * math.pi  # q: the mean contact force is δq
+Q = f32(DRIFT)
+W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the k-th derivative
+SIXTH = f32(TWO_PI**6 / 720)
+
+Real = float | np.float32
+
+
+class Arc(NamedTuple):
+    """The phases where the contact force is negative, if there are any."""
+
+    exists: bool
+    leave: Real  # its end
+    length: Real
+    sin_entry: Real  # of 2π its beginning
+    sin_exit: Real
+
+
+@inline
+def versine64(q):
+    """(1 − cos z)/z² for q = z², |z| ≤ π."""
+    return degree_10(coefficients.VERSINE, q)
+
+
+@inline
+def sine_defect64(q):
+    """(z − sin z)/z³ for q = z², |z| ≤ π."""
+    return degree_10(coefficients.SINE_DEFECT, q)
+
+
+@inline
+def versine32(q):
+    """As versine64."""
+    return degree_5(coefficients.VERSINE_32, q)
+
+
+@inline
+def sine_defect32(q):
+    """As sine_defect64."""
+    return degree_4(coefficients.SINE_DEFECT_32, q)
+
+
+def _forcing(real, versine, sine_defect):
+    """The functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
+    two_pi = real(TWO_PI)
+    rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
+
+    @inline
+    def versines(s):
+        """1 − cos 2πs, sin 2πs and 2πs − sin 2πs, none with cancellation."""
+        turns = (s + rounder) - rounder
+        z = two_pi * (s - turns)
+        q = z * z
+        defect = z * q * sine_defect(q)
+        return q * versine(q), z - defect, two_pi * turns + defect
+
+    @inline
+    def turned(step, sin0, cos0):
+        """The change of the sine, and the cosine, from a phase to s later; step: the `versines` of s."""
+        omc, siny, _defect = step
+        return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
+
+    @inline
+    def drop(step, sin0, cos0, epsilon):
+        """e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
+        omc, _siny, defect = step
+        return epsilon * (cos0 * omc - sin0 * defect)
+
+    @inline
+    def slowing(dsin, epsilon):
+        """e'(t₀) − e'(t₁), from what `turned` returns."""
+        return (two_pi * epsilon) * dsin
+
+    @inline
+    def plus_slope(x, sine, cosine, epsilon):  # noqa: ARG001
+        """x + e'."""
+        return x - two_pi * epsilon * sine
+
+    @inline
+    def plus_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
+        """x + e''."""
+        return x - two_pi * two_pi * epsilon * cosine
+
+    @inline
+    def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):  # noqa: ARG001
+        """x + e'' after what `turned` returns: the sine is not added up before it is needed."""
+        return x - two_pi * two_pi * epsilon * cos1
+
+    return versines, turned, drop, slowing, plus_acceleration_after, plus_slope, plus_acceleration
+
+
+IN_DOUBLE, IN_SINGLE = _forcing(np.float64, versine64, sine_defect64), _forcing(np.float32, versine32, sine_defect32)
+versines, turned, drop, slowing, _plus_acceleration_after, plus_slope, plus_acceleration = IN_DOUBLE
+plus_slope32 = IN_SINGLE[5]
+
+
+@inline
+def phase_at(tau):
+    """Sine and cosine of the phase τ."""
+    versine, sine, _defect = versines(tau)
+    return sine, 1.0 - versine
+
+
+@inline
+def library_phase(tau):
+    """The same by the sine and cosine of the library, to the last bit where few are computed."""
+    angle = TWO_PI * tau
+    return math.sin(angle), math.cos(angle)
+
+
+def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return sines and cosines (count,) of phases at equal distances from 0 on."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.sin(angle), np.cos(angle)
+
+
+@inline
+def short_step(u):
+    """1 − cos 2πu and sin 2πu of a short time by Taylor series: 1e-15 is left out for u up to 1e-4."""
+    y = TWO_PI * u
+    return y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
+
+
+@inline
+def later_phase(step, sine, cosine):
+    """Sine and cosine of the phase after a `short_step`."""
+    omc, siny = step
+    cosine1 = cosine - (siny * sine + omc * cosine)
+    return sine + (siny * cosine - omc * sine), cosine1
+
+
+@inline
+def third_derivative(sine, cosine, epsilon):  # noqa: ARG001
+    """e'''."""
+    return TWO_PI * TWO_PI * TWO_PI * epsilon * sine
+
+
+@inline
+def fourth_derivative(sine, cosine, epsilon):  # noqa: ARG001
+    """e⁗."""
+    return TWO_PI**4 * epsilon * cosine
+
+
+@inline
+def slope_loss(sin0, cos0, sin1, cos1, epsilon):  # noqa: ARG001
+    """e'(t₀) − e'(t₁)."""
+    return TWO_PI * epsilon * (sin1 - sin0)
+
+
+@inline
+def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
+    """∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀) of a flight of fixed duration, with
+    f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
+    """
+    force = TWO_PI * TWO_PI * epsilon
+    return f_w * force * cos0 - slope_loss(sin0, cos0, sin1, cos1, epsilon), force * (decay * cos0 - cos1)
+
+
+@inline
+def largest_slope(epsilon):
+    """The largest |e'|."""
+    return TWO_PI * epsilon
+
+
+# ---- the contact force
+
+
+@inline
+def contact_force(sine, cosine, delta, epsilon, drift):
+    """g = Φ'' + δΦ' = δq + e'' + δe', which presses on Σ⁺ where it is positive."""
+    return delta * drift - TWO_PI * epsilon * (TWO_PI * cosine + delta * sine)
+
+
+@inline
+def contact_force_rate(sine, cosine, delta, epsilon):
+    """g'."""
+    return TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)
+
+
+@inline
+def contact_force_swing(delta, epsilon):
+    """The largest |g − δq|."""
+    return TWO_PI * epsilon * math.hypot(TWO_PI, delta)
+
+
+@inline
+def relative_swing(delta, epsilon):
+    """The swing of the contact force over its mean: above 1 the force changes sign."""
+    return epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
+
+
+@inline
+def swings_beyond(share, delta, epsilon):
+    """True if the contact force swings by more than this share of its mean."""
+    return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
+
+
+@inline
+def relative_force(swing, share):
+    """The contact force over its mean, half a period times this share away from the phase of the least one, from its
+    `relative_swing`.
+    """
+    return 1.0 - swing * math.cos(math.pi * share)
+
+
+@inline
+def phase_of_least_force(delta):
+    """The phase at which the contact force is least."""
+    return math.atan2(delta, TWO_PI) / TWO_PI
+
+
+@inline
+def force_ahead(wall, sin0, cos0, delta, epsilon):
+    """Mean, a and b of the outward force on a wall, h(s) = mean + a cos 2πs + b sin 2πs, from the phase of s = 0 on."""
+    size = wall * TWO_PI * epsilon
+    a = -size * (TWO_PI * cos0 + delta * sin0)
+    return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
+
+
+@inline
+def force_integral(duration, mean, a, b):
+    """∫ h from s = 0 on, of the force that `force_ahead` describes."""
+    omc, sine, _defect = versines(duration)
+    return mean * duration + (a * sine + b * omc) / TWO_PI
+
+
+@kernel
+def negative_arc(delta, epsilon):
+    """The phases where the contact force is negative: one arc, for one cosine.
+
+    g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
+    """
+    largest = contact_force_swing(delta, epsilon)
+    mean = abs(delta) * DRIFT
+    if not largest > mean:
+        return Arc(False, 0.0, 0.0, 0.0, 0.0)
+    middle, half = math.atan2(delta, TWO_PI), math.acos(mean / largest)
+    leave = (middle + half) / TWO_PI
+    return Arc(True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half))
+
+
+# ---- guesses and proofs in single precision
+
+
+@inline
+def mean_cosine32(angle, sin0, cos0):
+    """The mean cosine over a time angle/2π from a phase on, angle ≤ 2π: a guess."""
+    square = angle * angle
+    return (
+        degree_4(coefficients.MEAN_COSINE_32, square) * cos0
+        - angle * degree_4(coefficients.MEAN_SINE_32, square) * sin0
+    )
+
+
+@inline
+def plus_mean_acceleration32(x, mean_cosine, epsilon):
+    """x + the mean of e'', from what `mean_cosine32` returns."""
+    return x - W2 * epsilon * mean_cosine
+
+
+@inline
+def third_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+    """e'''."""
+    return W3 * epsilon * sine
+
+
+@inline
+def fourth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+    """e⁗."""
+    return W4 * epsilon * cosine
+
+
+@inline
+def minus_fifth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+    """−e⁽⁵⁾."""
+    return W5 * epsilon * sine
+
+
+@inline
+def change_scale32(s):
+    """The size of e(t + s) − e(t) − s e'(t) over ε, up to which its rounding is relative."""
+    y = W1 * s
+    return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
+
+
+@inline
+def coarse_change_scale32(s, epsilon):
+    """No less than `change_scale32`, in fewer operations."""
+    return epsilon * (W1 * s + f32(3.0))
+
+
+@inline
+def slope_range32(epsilon):
+    """The largest e'(t₁) − e'(t₀)."""
+    return f32(2.0) * W1 * epsilon
+
+
+@inline
+def largest_slope_loss32(sin0, cos0, epsilon):  # noqa: ARG001
+    """The largest e'(t₀) − e'(t₁) at any later time."""
+    return W1 * epsilon * (f32(1.0) - sin0)
+
+
+@inline
+def largest_acceleration32(epsilon):
+    """The largest |e''|."""
+    return W2 * epsilon
+
+
+@inline
+def largest_sixth32(epsilon):
+    """The largest |e⁽⁶⁾|/720."""
+    return SIXTH * epsilon
+
+
+@inline
+def sine_changes_to_arc32(inside, sin0, arc):
+    """The change of the sine until the entry to the arc (none if the departure is inside) and until its exit."""
+    return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
+
+
+@inline
+def plus_slope_change32(x, dsin, epsilon):
+    """x + the change of e' that belongs to this change of the sine."""
+    return x - W1 * epsilon * dsin
+
+
+# ---- analytic in time: complex phases carry exact derivatives (`rattle.flight.between`)
+
+
+@inline
+def turn(z):
+    """sin z and cos z of a complex z."""
+    sine, cosine, cosh, sinh = math.sin(z.real), math.cos(z.real), math.cosh(z.imag), math.sinh(z.imag)
+    return complex(sine * cosh, cosine * sinh), complex(cosine * cosh, -sine * sinh)
+
+
+@inline
+def analytic_phase(t):
+    """Sine and cosine of the phase at a complex time."""
+    return turn(TWO_PI * t)
+
+
+@inline
+def analytic_change(t0, t1, s, epsilon):
+    """e(t₁) − e(t₀) at complex times, s = t₁ − t₀, without cancellation."""
+    return epsilon * (-2.0 * turn(math.pi * (t0 + t1))[0] * turn(math.pi * s)[0])
+
+
+@inline
+def plus_analytic_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
+    """x + e'', with the products in the order that the stored bits of curves have."""
+    return x - TWO_PI * (TWO_PI * epsilon) * cosine
+
+
+@inline
+def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
+    """As `force_ahead`, for complex arguments and δ > 0."""
+    size = sign * TWO_PI * epsilon
+    mean = sign * 2 * TWO_PI * delta
+    return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
+
+
+@inline
+def change_shape(t0, t1, s):
+    """(e(t₁) − e(t₀))/ε at real times: the derivative by ε, in which e is linear."""
+    return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
+
+
+@inline
+def slope_shape(sine, cosine):  # noqa: ARG001
+    """e'/ε, likewise."""
+    return -TWO_PI * sine
+
+
+@dataclass(frozen=True)
+class Forcing:
+    """The forcing as Python asks it: one cosine of amplitude epsilon, one number or an array.
+
+    A gear whose forcing is not ONE_COSINE has no closed forms of A to D.
+    """
+
+    epsilon: Any
+
+    ONE_COSINE: ClassVar[bool] = True
+
+    def relative_swing(self, delta: ArrayLike) -> NDArray[np.float64]:
+        """Return the swing of the contact force over its mean; above 1 the force changes sign."""
+        return np.asarray(0.5 * (self.epsilon * np.hypot(TWO_PI, delta) / np.asarray(delta)))
+
+    def least_force(self, delta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the smallest contact force of a period."""
+        return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
+
+    def lines(self, delta: float) -> list[tuple[float, complex]]:
+        """Return (frequency, size) of the contact force Σ size e^(i frequency t), the mean first."""
+        size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
+        return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
+
+    def touch(self, time: NDArray, delta: NDArray) -> NDArray:
+        """Return g/2π and g'/4π²ε (…, 2) at times (…), real or complex: both vanish where the force just reaches 0."""
+        sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
+        force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
+        return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
+
+
+@inline
+def mean_force(delta: Any) -> Any:
+    """Return the mean contact force δq, which the impulses of a lasting motion balance in every period."""
+    return delta * DRIFT
+
+
+def quiet_size(delta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest ε at which the contact force is nowhere negative: 2δ/√(4π² + δ²)."""
+    return np.asarray(2 * delta / np.hypot(2 * np.pi, delta))
+
+
+def least_damping(epsilon: float) -> float:
+    """Return the δ at which the contact force just reaches 0: the inverse of `quiet_size`."""
+    return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
+
+
+def phase_of_entry(delta: float, share: float) -> float:
+    """Return the phase at which the contact force becomes negative, share ≤ 1 being the quiet limit over ε."""
+    return float((np.arctan2(delta, 2 * np.pi) - np.arccos(share)) / (2 * np.pi))

@@ -1,0 +1,113 @@
+"""The models of the gear, with one interface: a folder or file here each, and its entry in `MODELS`.
+
+What a model has beside δ, ε and β, and what else tells it from others, is on its class: nobody else compares names.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rattle.errors import ParameterError, require_one_of
+from rattle.models.impacting import Impacting
+from rattle.models.model import AnyGear, Capability, Functions, Limits, Model
+from rattle.models.stiff import Stiff
+from rattle.parameters import BETA, Parameter, Parameters
+
+#: All models by name; the first is the one that is meant where nothing says which.
+MODELS: dict[str, type[Model]] = {
+    Impacting.name: Impacting,
+    Stiff.name: Stiff,
+}  # more of them here
+DEFAULT_MODEL = next(iter(MODELS))
+#: What models add to δ, ε and β, by name: no two of them add the same.
+ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}
+#: The parameters that all cells of a plane have.
+OTHERS = (BETA.name, *ADDED)
+
+
+class CapabilityError(ParameterError):
+    """Something that a model does not have; the message says which models have it."""
+
+
+def owner_of(name: str) -> type[Model]:
+    """Return the model that adds a parameter."""
+    return next(model for model in MODELS.values() if name in {each.name for each in model.added})
+
+
+def model_adding(names: Any) -> type[Model]:
+    """Return the model that has these parameters beside δ, ε and β; the default one if there are none.
+
+    Raises
+    ------
+    ParameterError
+        No model has all of them.
+    """
+    wanted = set(names)
+    for model in MODELS.values():
+        if wanted == {each.name for each in model.added}:
+            return model
+    for name in wanted:
+        require_one_of("a parameter", name, ADDED)
+    raise ParameterError(f"no model has {' and '.join(sorted(wanted))} together: give those of one")
+
+
+def model_of(beta: float = 0.6, **added: float | None) -> Model:
+    """Return the model that has what is added, such as kappa=1e4; None stands for nothing. Raises ParameterError."""
+    given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
+    return model_adding(given)(beta, **given)
+
+
+def model_at(gear: AnyGear) -> Model:
+    """Return the model that a gear is one point of."""
+    return model_with(gear.parameters)
+
+
+def model_with(parameters: Parameters, number: int = 0) -> Model:
+    """Return the model that has the numbers of one of these points."""
+    point = parameters.point(number)
+    return MODELS[parameters.model](**{name: point[name] for name in parameters.others})
+
+
+def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
+    """Return the gear at one of these points."""
+    return model_with(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
+
+
+def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityError:
+    """Return the error that says that a model does not have something, and which have it."""
+    having = [name for name, each in MODELS.items() if capability in each.has]
+    words = capability[0].upper() + capability[1:]
+    return CapabilityError(f"{words} known of the {' and '.join(having)} model only, not of the {model.name} one.")
+
+
+def require_capability(capability: Capability, model: Model | type[Model]) -> None:
+    """Raise CapabilityError unless a model has something."""
+    if capability not in model.has:
+        raise lacking(capability, model)
+
+
+__all__ = [
+    "ADDED",
+    "BETA",
+    "DEFAULT_MODEL",
+    "MODELS",
+    "OTHERS",
+    "AnyGear",
+    "Capability",
+    "CapabilityError",
+    "Functions",
+    "Impacting",
+    "Limits",
+    "Model",
+    "Parameter",
+    "Parameters",
+    "Stiff",
+    "gear_at",
+    "lacking",
+    "model_adding",
+    "model_at",
+    "model_of",
+    "model_with",
+    "owner_of",
+    "require_capability",
+]

@@ -1,0 +1,40 @@
+"""The impacting model: walls that do not give way (paper 2.3, 2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rattle import curves, impacting
+from rattle.curves import CodimensionTwo
+from rattle.impacting.attractors.classifier import ImpactingClassifier
+from rattle.impacting.gear import Gear
+from rattle.impacting.orbits.period_one import missing_limits
+from rattle.models.model import Capability, Functions, Limits, Model
+
+
+@dataclass(frozen=True)
+class Impacting(Model):
+    """The impacting model at half-backlash beta > 0."""
+
+    name = "impacting"
+    title = "impacting"
+    has = frozenset(Capability)
+    functions: ClassVar[Functions] = impacting
+    classifier = ImpactingClassifier
+    curve_names = impacting.NAMES
+    compiled_at = 0.089, 0.1, 0.25  # quiet motion beside impacts, beside chaos too, chaos alone
+
+    def gear(self, delta: float, epsilon: float) -> Gear:
+        """Return the model at one point."""
+        return Gear(delta, epsilon, self.beta)
+
+    def limits(self, delta: float) -> Limits:
+        """Return SN1, flip and quiet limit at one damping."""
+        gear = self.gear(delta, 0.0)
+        return Limits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """Return the points where curves meet."""
+        return curves.codimension_two(self.beta)

@@ -1,0 +1,291 @@
+"""What a model of the gear is: its declaration, and what every model answers by the functions of its gear."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.attractors.basins import Basins, Plane
+from rattle.attractors.classify import BUDGET, Classifier
+from rattle.attractors.measures import Uncertainty
+from rattle.attractors.reached import Reached
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
+from rattle.attractors.table import Attractor, Attractors, of_samples
+from rattle.continuation.curves import Curve
+from rattle.continuation.diagram import Diagram
+from rattle.errors import RattleError, require_number
+from rattle.families.join import joined_rows
+from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
+from rattle.intensity.balance import impulse_balance_errors
+from rattle.intensity.intensity import Intensity
+from rattle.intensity.motions import Motion
+from rattle.intensity.spectrum import Density, Lines
+from rattle.intensity.table import Intensities, intensities_of
+from rattle.intensity.visit import Impacts
+from rattle.orbits.iterates import Impact, Iterates, Returned, Stretched, Trajectory
+from rattle.orbits.period_one import MissingLimit, Orbit, PeriodOne
+from rattle.orbits.periodic import Periodic
+from rattle.parameters import BETA, Parameter, Parameters
+
+Range = tuple[float, float]
+SAMPLE = SampleSpec()
+Array = NDArray[np.float64]
+Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
+
+
+class Capability(StrEnum):
+    """What not every model has; the words begin a sentence about it."""
+
+    CLOSED_FORM = "closed forms of A to D are"
+    PERIOD_ONE = "the motions A to D and the regions that they make are"
+    MARGIN = "the margin of quiet running is"
+    GAMMA = "the grazing curve Γ is"
+    CRISIS = "the boundary crisis is"
+    CORNERS = "grazes of period-one motions, and the points where curves meet, are"
+    BALANCE = "the balance of impulses is"
+    INTENSITY = "the intensity of impacts is"
+    FILLED_ORBITS = "orbits that are filled between computed cells are"
+    BOUNDARIES = "an explanation of boundaries is"
+    BIFURCATION_PROOFS = "a proof of a bifurcation is"
+    PROOFS = "a proof of periodic motions is"
+
+
+class Limits(NamedTuple):
+    """Eccentricities at one damping: A and C are born, C flips, quiet motion ends; None where `missing` says why."""
+
+    sn1: float | None
+    flip: float | None
+    quiet_limit: float
+    missing: tuple[MissingLimit, ...]
+
+
+class AnyGear(Protocol):
+    """A gear of any model at one parameter point: `rattle.Gear` says what each of these is."""
+
+    @property
+    def delta(self) -> float: ...
+    @property
+    def epsilon(self) -> float: ...
+    @property
+    def beta(self) -> float: ...
+    @property
+    def parameters(self) -> Parameters: ...
+    @property
+    def states(self) -> Plane: ...
+    @property
+    def quiet_limit(self) -> float: ...
+    @property
+    def sn1(self) -> float | None: ...
+    def region(self) -> int: ...
+    def orbits(self) -> tuple[Orbit, ...]: ...
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic: ...
+    def saddle(self, orbit: Orbit) -> Periodic: ...
+    def impact(self, tau: float, v: float) -> Impact: ...
+    def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]: ...
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates: ...
+    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory: ...
+    def attractors(
+        self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
+    ) -> tuple[Attractor, ...]: ...
+    def basins(
+        self,
+        resolution: int | None = None,
+        v_max: SpeedLimit = None,
+        method: str = "cells",
+        impacts: int = 16,
+        tau: Range | None = None,
+        v: Range | None = None,
+    ) -> Basins: ...
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached: ...
+    def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty: ...
+    def intensity(self, motion: Motion, periods: float | None = None) -> Intensity: ...
+    def impacts(self, motion: Motion, periods: float | None = None) -> Impacts: ...
+    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density: ...
+    def sound(
+        self,
+        motion: Motion,
+        rpm: float,
+        seconds: float = 5.0,
+        rate: int = 44100,
+        ring: float = 2000.0,
+        decay: float = 0.005,
+    ) -> Array: ...
+
+
+class Functions(Protocol):
+    """What a gear's package has, for arrays of parameters: each function takes δ and ε, or a curve's name or a segment,
+    and by name β and what the gear has besides. `rattle.impacting` and `rattle.stiff` are such packages.
+    """
+
+    def period_one(self, *given: Any, **more: Any) -> PeriodOne: ...
+    def iterate_tangent(self, *given: Any, **more: Any) -> Stretched: ...
+    def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]: ...
+    def stretch(self, *given: Any, **more: Any) -> Array: ...
+    def diagram(self, *given: Any, **more: Any) -> Diagram[Any, Any]: ...
+    def describe(self, name: str) -> str: ...
+    def trace(self, *given: Any, **more: Any) -> Curve: ...
+
+
+@dataclass(frozen=True)
+class Model(ABC):
+    """A model over its plane of (δ, ε): its other numbers are the fields, the class is its declaration.
+
+    Attributes
+    ----------
+    name, title : str
+        Its name in requests, stores and files; its name in a list to choose from.
+    added : tuple of Parameter
+        What it has beside δ, ε and β, in the order of the fields.
+    has : frozenset of Capability
+        What of the things that not every model has.
+    functions : module
+        The package of its gear.
+    classifier : type of Classifier
+        Which tells attractors apart.
+    curve_names : tuple of str
+        Its bifurcation curves.
+    tile_samples : int
+        Initial conditions of a default tile: some seconds.
+    cell_milliseconds : float, optional
+        How long a cell takes whatever its samples; None where these decide.
+    design_gears : int
+        Gears that are drawn where tolerances of a point are answered at once.
+    compiled_at : tuple of float
+        Eccentricities, at δ = β = 0.6, of the cells that are computed so that its kernels are compiled.
+    """
+
+    beta: float = 0.6
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    added: ClassVar[tuple[Parameter, ...]] = ()
+    has: ClassVar[frozenset[Capability]] = frozenset()
+    functions: ClassVar[Functions]
+    classifier: ClassVar[type[Classifier]]
+    curve_names: ClassVar[Sequence[str]] = ()
+    tile_samples: ClassVar[int] = 65_536
+    cell_milliseconds: ClassVar[float | None] = None
+    design_gears: ClassVar[int] = 1024
+    compiled_at: ClassVar[tuple[float, ...]] = (0.1,)
+
+    def __post_init__(self) -> None:
+        for name, value in self.numbers.items():
+            object.__setattr__(self, name, require_number(name, value, positive=True))
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """Return the declarations of β and of what the model adds."""
+        return (BETA, *cls.added)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """β, and what the model has besides, by name."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return ", ".join(f"{each.long_name} = {self.numbers[each.name]:g}" for each in self.parameters())
+
+    @property
+    def dwell(self) -> float:
+        """How long a short contact lasts, in forcing periods."""
+        return 0.0
+
+    @property
+    def in_closed_form(self) -> bool:
+        """Whether A to D, and the regions and limits that follow from them, cost nothing."""
+        return Capability.CLOSED_FORM in self.has
+
+    @abstractmethod
+    def gear(self, delta: float, epsilon: float) -> AnyGear:
+        """Return the model at one point. Raises ParameterError."""
+
+    def limits(self, delta: float) -> Limits:
+        """Return SN1, flip and quiet limit at one damping."""
+        gear = self.gear(delta, 0.0)
+        unknown = f"not computed at one damping for the {self.name} model"
+        flip = MissingLimit("flip", unknown, None)
+        try:
+            born = gear.sn1
+        except RattleError as error:
+            return Limits(None, None, gear.quiet_limit, (MissingLimit("sn1", f"none: {error}", None), flip))
+        if born is None:
+            return Limits(None, None, gear.quiet_limit, (MissingLimit("sn1", unknown, None), flip))
+        return Limits(born, None, gear.quiet_limit, (flip,))
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """Return the points where curves meet."""
+        return ()
+
+    def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
+        """Return the parameters of points, which broadcast. Raises ParameterError."""
+        return Parameters.of(self.name, delta, epsilon, **self.numbers)
+
+    def grid(self, delta: Array, epsilon: Array) -> Parameters:
+        """Return the parameters of the cells epsilon (m,) × delta (n,), row by row. Raises ParameterError."""
+        return self.at(delta, epsilon[:, None]).flat()
+
+    def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
+        """Return the motions A to D, or their counterparts."""
+        return self.functions.period_one(delta, epsilon, **self.numbers)
+
+    def attractors_of(self, delta: ArrayLike, epsilon: ArrayLike, sample: SampleSpec = SAMPLE) -> Attractors:
+        """Return the attractors of all cells: see `rattle.attractors_of`."""
+        return of_samples(self.classifier, self.at(delta, epsilon), sample)
+
+    def cells(self, delta: Array, epsilon: Array) -> Any:
+        """Return the cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
+        return self.classifier.cells_of(self.grid(delta, epsilon))
+
+    def cells_of_orbits(self, delta: Array, epsilon: Array) -> Any:
+        """Return the same where only periodic orbits are followed, which may cost less."""
+        return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
+
+    def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
+        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones; of contacts
+        the impulses are those of the springs.
+        """
+        return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
+
+    def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
+        """Return how hard the attractors of cells rattle, which `attractors_of` found there: arrays (n,)."""
+        return intensities_of(table, self.classifier.cells_of(self.at(delta, epsilon).flat()), self.functions.stretch)
+
+    def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
+        """Return whether quiet motion takes too many impacts to be told from chaos."""
+        at = self.at(delta, epsilon)
+        flat = at.flat()
+        return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)
+
+    def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Any, Any]:
+        """Return the bifurcation diagram from start to end, both (δ, ε)."""
+        return self.functions.diagram(start, end, **self.numbers, steps=steps, count=count)
+
+    def describe(self, name: str) -> str:
+        """Return what happens on a curve. Raises ParameterError."""
+        return self.functions.describe(name)
+
+    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
+        """Return a bifurcation curve in a window. Raises RattleError where it cannot be followed."""
+        return self.functions.trace(name, **self.numbers, delta=delta, epsilon=epsilon)
+
+    @classmethod
+    def classified(cls, parameters: Parameters, tau: Array, v: Array, budget: int = BUDGET) -> Classifier:
+        """Follow states (n, k) of cells with parameters (n,), each to its end."""
+        return cls.classifier.classify(parameters, tau, v, budget)
+
+    @classmethod
+    def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+        """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
+        delta, epsilon = parameters.delta, parameters.epsilon
+        return Returned.of(cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others))
+
+    @classmethod
+    def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
+        """Join the attractors of a row of cells: see `rattle.families.join.joined_rows`."""
+        return joined_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

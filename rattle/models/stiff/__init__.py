@@ -1,0 +1,57 @@
+"""The stiff model: elastic walls (paper 2.1, 2.2). The corners that grazes make are smooth folds here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from rattle import stiff
+from rattle.flight.forcing import TWO_PI
+from rattle.models.model import Capability, Functions, Limits, Model
+from rattle.orbits.period_one import MissingLimit
+from rattle.parameters import parameters_in
+from rattle.stiff.attractors.classifier import StiffClassifier
+
+
+def _of_machine(stiffness: Any, inertia: Any, radius: Any, speed: Any, scale: float) -> Any:
+    """κ of a mesh stiffness (docs/decisions/0025-machine.md)."""
+    turned = TWO_PI * radius / speed
+    return stiffness * turned * turned / (scale * inertia)
+
+
+(KAPPA,) = parameters_in(__file__)
+
+
+@dataclass(frozen=True)
+class Stiff(Model):
+    """The model with walls of stiffness kappa > 0, at half-backlash beta > 0."""
+
+    kappa: float = KAPPA.example
+
+    name = "stiff"
+    title = "stiff walls"
+    added = (replace(KAPPA, of_machine=_of_machine),)
+    has = frozenset({Capability.PERIOD_ONE, Capability.BALANCE, Capability.INTENSITY, Capability.PROOFS})
+    functions: ClassVar[Functions] = stiff
+    classifier = StiffClassifier
+    curve_names = stiff.NAMES
+    tile_samples = 4096  # returns take a hundred times as long
+    cell_milliseconds = 100.0
+    design_gears = 256
+    compiled_at = (0.1,)  # what the others need takes longer
+
+    @property
+    def dwell(self) -> float:
+        """Half a period of free motion in contact."""
+        return math.pi / math.sqrt(2.0 * self.kappa)
+
+    def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
+        """Return the model at one point."""
+        return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
+
+    def limits(self, delta: float) -> Limits:
+        """Return SN1 and quiet limit at one damping."""
+        found = super().limits(delta)
+        flip = MissingLimit("flip", "not computed at one damping for stiff walls; the curve PDC has it", None)
+        return found._replace(missing=(*found.missing[:-1], flip))

@@ -1,0 +1,176 @@
+"""Parameters: which numbers a model has beside δ and ε (`Parameter`), and their values (`Parameters`)."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import parameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number, greater than 0, that all cells of a plane of (δ, ε) have: declared once for every use of it.
+
+    Parameters
+    ----------
+    name : str
+        Its name in code, requests, stores and options.
+    symbol : str
+        Its letter in texts.
+    label : str
+        Its name in words, such as "half-backlash".
+    of : str
+        The part of the gear that has it, such as "the walls"; empty if that is the gear.
+    default : float, optional
+        Its value where none is given; None: it must be given.
+    example : float
+        A value to offer.
+    least, greatest : float
+        The values that a form offers from, and that a request allows up to.
+    unit : str
+        Its unit, "1" for a number without one.
+    is_axis : bool
+        Whether it may be the third axis of a survey.
+    machine_number : str, optional
+        The number of a `rattle.Machine` that makes it.
+    machine_text, machine_absent : str
+        What that number is, and what it means that there is none, for options and forms.
+    of_machine : callable, optional
+        From that number, inertia, radius, speed (rad/s) and the scale of the drive to its value.
+    """
+
+    name: str
+    symbol: str
+    label: str
+    of: str = ""
+    default: float | None = None
+    example: float = 1.0
+    least: float = 0.0
+    greatest: float = math.inf
+    unit: str = "1"
+    is_axis: bool = True
+    machine_number: str | None = None
+    machine_text: str = ""
+    machine_absent: str = ""
+    of_machine: Callable[[Any, Any, Any, Any, float], Any] | None = None
+
+    @property
+    def long_name(self) -> str:
+        """Its name in words with its letter."""
+        return f"{self.label} {self.symbol}"
+
+    @property
+    def in_words(self) -> str:
+        """Its name and letter in a list of what a gear has, such as "walls" and their stiffness."""
+        part = self.of.removeprefix("the ")
+        return f"{part} of {self.long_name}" if part else self.long_name
+
+    @property
+    def advice(self) -> str:
+        """What to give, in words."""
+        return f"such as {self.example:g}"
+
+    @property
+    def described(self) -> str:
+        """Its name in words, with the part of the gear that has it."""
+        return f"{self.label} of {self.of}" if self.of else self.label
+
+
+def parameters_in(module: str) -> tuple[Parameter, ...]:
+    """Return what the file `declaration.toml` beside a module declares.
+
+    It is a file because commands and the client read it too, which do not load the library.
+    """
+    declared = tomllib.loads(Path(module).with_name("declaration.toml").read_text(encoding="utf-8"))
+    return tuple(Parameter(**each) for each in declared["parameters"])
+
+
+BETA = Parameter("beta", "β", "half-backlash", default=0.6, example=0.6)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Values of all parameters of a model: of one point or of many, arrays of one shape.
+
+    `Parameters.of` checks them; kernels take the arrays apart at their border only.
+
+    Parameters
+    ----------
+    model : str
+        The name of the model.
+    delta, epsilon, beta : ndarray
+        Damping, eccentricity and half-backlash.
+    added : mapping of str to ndarray
+        What the model has besides, by name, in the order of its declaration.
+    """
+
+    model: str
+    delta: Array
+    epsilon: Array
+    beta: Array
+    added: Mapping[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
+        """Broadcast values to one shape. Raises ParameterError unless δ > 0, ε ≥ 0 and all others > 0."""
+        # copies, for kernels: what is broadcast cannot be written to
+        d, e, b, *others = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **added))
+        return cls(model, d, e, b, dict(zip(added, others, strict=True)))
+
+    @property
+    def named(self) -> dict[str, Array]:
+        """All values by name."""
+        return {"delta": self.delta, "epsilon": self.epsilon, "beta": self.beta, **self.added}
+
+    @property
+    def others(self) -> dict[str, Array]:
+        """All values but δ and ε, by name."""
+        return {"beta": self.beta, **self.added}
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the arrays."""
+        return self.delta.shape
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return self.delta.size
+
+    def flat(self) -> Parameters:
+        """Return the points in C order, arrays (size,) of their own."""
+        return self._each(lambda x: np.array(x, order="C").ravel())
+
+    def take(self, which: Any) -> Parameters:
+        """Return the points of an index, a slice or a mask."""
+        return self._each(lambda x: np.ascontiguousarray(x[which]))
+
+    def repeat(self, count: int) -> Parameters:
+        """Return each point so many times, one after the other."""
+        return self._each(lambda x: np.repeat(x, count))
+
+    def towards(self, other: Parameters, share: float) -> Parameters:
+        """Return the points at a share of the way to others of the same model."""
+        if share == 1.0:
+            return other
+        mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
+        delta, epsilon, beta = (mixed.pop(name) for name in ("delta", "epsilon", "beta"))
+        return Parameters(self.model, delta, epsilon, beta, mixed)
+
+    def point(self, number: int = 0) -> dict[str, float]:
+        """Return the values of one of many points by name."""
+        return {name: float(x[number]) for name, x in self.named.items()}
+
+    def _each(self, change: Any) -> Parameters:
+        added = {name: change(x) for name, x in self.added.items()}
+        return Parameters(self.model, change(self.delta), change(self.epsilon), change(self.beta), added)

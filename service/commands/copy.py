@@ -1,0 +1,42 @@
+"""``rattle copy``: a store elsewhere, as a directory, in a bucket, in a zip file, or as NetCDF."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def copy(
+    source: Annotated[str, typer.Argument(metavar="SRC", help="Path, s3:// URL or .zip of a survey's store.")],
+    target: Annotated[str, typer.Argument(metavar="DST", help="The same, or a .nc file; nothing may be there yet.")],
+) -> None:
+    """Copy a survey to a directory, to a bucket (s3://BUCKET/PREFIX), to a zip file or to NetCDF, by the ending of DST.
+
+    Every file is compared with its checksum when it is read, and again where it was written; NetCDF has checksums of
+    its own. The same command continues a copy that was interrupted. Certificates beside a survey are not copied.
+    """
+    for each in (source, target):
+        if "://" in each and not each.startswith("s3://"):
+            raise typer.BadParameter(f"{each} is neither a path nor s3://BUCKET/PREFIX")
+    if target.endswith(".nc"):
+        from gear_rattle.service.commands.export import export
+
+        export(source, Path(target))
+        return
+    from gear_rattle.service.commands.progress import Reporter, reporter
+    from gear_rattle.workers.storage.copy import copy_store
+
+    with ExitStack() as stack:
+        shown: list[Reporter] = []
+
+        def show(done: int, total: int) -> None:
+            if not shown:
+                shown.append(stack.enter_context(reporter(total, what="files")))
+            shown[0].show(done)
+
+        copied = copy_store(source, target, show)
+    kept = f", {copied.kept:,} of them were there already" if copied.kept else ""
+    typer.echo(f"{target} holds it: {copied.files:,} files, {copied.size:,} bytes, all checksums agree{kept}.")

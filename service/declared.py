@@ -1,0 +1,48 @@
+"""What models add to δ, ε and β, read without the library: commands and the client start at once."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+
+class Added(NamedTuple):
+    """A number that a model adds: the fields of `rattle.parameters.Parameter` that options need."""
+
+    name: str
+    model: str
+    label: str
+    of: str = ""
+    is_axis: bool = True
+    machine_number: str | None = None
+    machine_text: str = ""
+    machine_absent: str = ""
+
+    @property
+    def described(self) -> str:
+        """Its name in words, with the part of the gear that has it, as a sentence begins."""
+        words = f"{self.label} of {self.of}" if self.of else self.label
+        return words[0].upper() + words[1:]
+
+    @classmethod
+    def read(cls, model: str, given: dict[str, Any]) -> Added:
+        """Read one entry of a declaration."""
+        return cls(model=model, **{name: value for name, value in given.items() if name in cls._fields})
+
+
+@cache
+def added() -> dict[str, Added]:
+    """Return what the models add, by name."""
+    library = find_spec("rattle")
+    assert library is not None
+    assert library.submodule_search_locations is not None
+    found: dict[str, Added] = {}
+    for place in library.submodule_search_locations:
+        for path in sorted(Path(place).glob("models/*/declaration.toml")):
+            declared = tomllib.loads(path.read_text(encoding="utf-8"))
+            for each in declared["parameters"]:
+                found[each["name"]] = Added.read(declared["model"], each)
+    return found

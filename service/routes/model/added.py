@@ -1,0 +1,71 @@
+"""What models add to δ, ε and β, as parameters of a query and as fields of an answer."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
+
+from fastapi import Query
+from pydantic import BaseModel, Field, create_model
+
+from rattle.models import ADDED, DEFAULT_MODEL, owner_of
+
+Route = TypeVar("Route", bound=Callable[..., Any])
+
+
+def query_of(name: str, otherwise: str = DEFAULT_MODEL) -> Any:
+    """Return the type of a parameter of a query: a number that a model adds, or nothing."""
+    each = ADDED[name]
+    upper = each.greatest if math.isfinite(each.greatest) else None
+    words = f"of {each.of}" if each.of else each.label
+    text = f"{words}: the {owner_of(name).name} model; else {otherwise}"
+    return Annotated[float | None, Query(gt=0, le=upper, allow_inf_nan=False, description=text)]
+
+
+def machine_texts() -> dict[str, str]:
+    """Return the numbers of a machine that make what models add, with what they are."""
+    return {
+        each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
+        for name, each in ADDED.items()
+        if each.machine_number is not None
+    }
+
+
+def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
+    """Give a route parameters of its query by name, each None by default; it takes them as keywords.
+
+    Parameters
+    ----------
+    after : dict of str to dict
+        Behind which of the route's own parameters they stand: for each of these the types of theirs, by name.
+    """
+
+    def change(route: Route) -> Route:
+        signature = inspect.signature(route, eval_str=True)
+        taken = []
+        for own in signature.parameters.values():
+            if own.kind is inspect.Parameter.VAR_KEYWORD:
+                continue
+            taken.append(own)
+            for name, kind in after.get(own.name, {}).items():
+                taken.append(inspect.Parameter(name, own.kind, default=None, annotation=kind))
+        route.__signature__ = signature.replace(parameters=taken)  # type: ignore[attr-defined]
+        return route
+
+    return change
+
+
+def with_fields(base: type[BaseModel]) -> Any:
+    """Return a class that has a field for each parameter that a model adds, behind those of another class."""
+    fields: dict[str, Any] = {
+        name: (float | None, Field(description=f"{each.described}; null: the {DEFAULT_MODEL} model"))
+        for name, each in ADDED.items()
+    }
+    return create_model(f"_{base.__name__}", __base__=base, **fields)
+
+
+def added_document(numbers: dict[str, float]) -> dict[str, float | None]:
+    """Return those fields, null of what a model does not have."""
+    return {name: numbers.get(name) for name in ADDED}

@@ -1,0 +1,93 @@
+"""One name for each term: the glossary holds it, its names in code exist, and documents keep to both."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+GLOSSARY = (DOCS / "glossary.md").read_text()
+OWN_TERMS = 20
+DECISION_LINES = 40
+#: `rattle paper` writes the first; the others describe code by the names that it has today.
+WITHOUT_RULES = {"paper.md", "map.md", "kernel.md"}
+#: Words of an older vocabulary, and the term that replaced each.
+REPLACED = {
+    r"witness(es)?": "probe",
+    r"balls? of capture": "capture region",
+    r"footprints?": "visited-cell bitmap",
+    r"crowds?": "neighbour test",
+    r"starts? (are|is) asked": "requested",
+    r"nobody is asked": "no key is needed",
+    r"(is|are|was|were) not told": "undecided",
+    r"set going": "started",
+    r"watch(es|ed)?": "observation",
+    r"maps? beside": "comparison map",
+}
+
+
+def rows(section: str) -> list[list[str]]:
+    """The rows of the table under a heading of the glossary, without its head."""
+    text = GLOSSARY.split(f"## {section}\n")[1].split("\n## ")[0]
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[1:]]
+
+
+SECTIONS = re.findall(r"^## (.*)$", GLOSSARY, re.MULTILINE)
+TERMS = [row[0] for section in SECTIONS for row in rows(section)]
+
+
+def prose(path: Path) -> str:
+    """The text of a document, without code, names in code type and names of the page's controls."""
+    text = re.sub(r"^```.*?^```|^    [^\n]*$", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"`[^`\n]*`|\*[^*\n]+\*|\]\([^)]*\)", "", text)
+
+
+DOCUMENTS = [
+    str(path.relative_to(ROOT))
+    for path in sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"])
+    if path.name not in WITHOUT_RULES and "generated" not in path.parts
+]
+
+
+def test_our_own_terms_are_few() -> None:
+    assert 0 < len(rows("Our own terms")) <= OWN_TERMS
+
+
+def test_a_term_is_defined_once() -> None:
+    names = [name.strip() for term in TERMS for name in term.split(",")]
+    assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_names_in_the_glossary_are_names_in_the_project(section: str) -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    folders = ("rattle/", "workers/", "service/")
+    files = [ROOT / name for name in listed.splitlines() if name.startswith(folders) and name.endswith(".py")]
+    sources = "\n".join(path.read_text() for path in files)
+    for row in rows(section):
+        for name in re.findall(r"`([^`]+)`", row[2]):
+            for word in re.findall(r"[A-Za-z_][\w-]+", name):
+                written = word.replace("-", "_") if name.startswith("--") else word
+                assert written in sources or (ROOT / name.split()[-1]).exists(), f"{row[0]}: {name}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_documents_use_the_terms_of_the_glossary(document: str) -> None:
+    text = prose(ROOT / document)
+    for old, term in REPLACED.items():
+        found = re.search(rf"\b{old}\b", text, re.IGNORECASE)
+        assert not found, f"{document}: {found and found[0]!r} is {term!r}"
+
+
+@pytest.mark.parametrize("path", sorted(DOCS.glob("decisions/0*.md")), ids=lambda path: path.stem)
+def test_a_decision_has_context_decision_and_consequences(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= DECISION_LINES
+    assert re.match(rf"# {path.stem[:4]} \S", text)
+    if "\nStatus: superseded" not in text:
+        assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["Context", "Decision", "Consequences"]
+    title = text.splitlines()[0].removeprefix(f"# {path.stem[:4]} ")
+    assert f"- [{path.stem[:4]}]({path.name}): {title}" in (DOCS / "decisions" / "README.md").read_text()

@@ -1,0 +1,98 @@
+"""An existing cluster as others run it: over TLS, with other versions, without this package."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from depth import either
+from parts import authority, dask_part, environment
+from service_processes import ENVIRONMENT, OPTIONS, REQUEST, assert_bit_identical, finish, free_port, serial_run
+from waiting import SELDOM, wait_until
+
+import rattle
+from gear_rattle.workers import open_survey
+
+OTHER = "0.0.1"
+#: What a worker's process does before anything else: it says that it has another version of a package.
+ANOTHER_VERSION = """
+import importlib.metadata as metadata
+version = metadata.version
+metadata.version = lambda name: {other!r} if name == {package!r} else version(name)
+"""
+#: It has no way to this package: neither where it is installed for editing, nor below a path.
+WITHOUT = """
+import sys
+sys.meta_path[:] = [each for each in sys.meta_path if "editable" not in repr(each).lower()]
+sys.path[:] = [each for each in sys.path if {root!r} not in each or "site-packages" in each]
+"""
+ONE_WORKER = ("--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1")
+
+
+@contextmanager
+def cluster(directory: Path, first: str, settings: dict[str, str] | None = None) -> Iterator[str]:
+    """Address of a scheduler with a worker, which begins with some Python."""
+    settings = settings or {}
+    (directory / "first").mkdir()
+    (directory / "first" / "sitecustomize.py").write_text(first)
+    protocol, port = "tls" if settings else "tcp", free_port()
+    url, file = f"{protocol}://127.0.0.1:{port}", directory / "scheduler.json"
+    base = ENVIRONMENT | ({"PYTHONPATH": str(directory / "first")} if first else {})
+    elsewhere = ("env", f"--chdir={directory}") if first else ()
+    address = ["--protocol", protocol, "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    with ExitStack() as stack:
+        stack.enter_context(dask_part(settings, "scheduler", *address, "--scheduler-file", str(file)))
+        local = ["--local-directory", str(directory / "local")]
+        stack.enter_context(dask_part(settings, "worker", url, *ONE_WORKER, *local, base=base, prefix=elsewhere))
+        wait_until(file.exists)
+        yield url
+
+
+def run(url: str, store: Path, settings: dict[str, str] | None = None) -> tuple[int, str]:
+    """Run a survey until the cluster has workers, which may not be there yet; return status and what was said."""
+    ran = None
+
+    def answered() -> bool:
+        nonlocal ran
+        ran = finish("run", *OPTIONS, "--out", str(store), "--scheduler", url, settings=environment(settings or {}))
+        return "no dask scheduler with workers" not in ran.stderr
+
+    wait_until(answered, SELDOM)
+    assert ran is not None
+    return ran.returncode, ran.stderr
+
+
+@pytest.mark.parametrize("package", either(["gear-rattle"], ["gear-rattle", "numba"]))
+def test_another_version_is_named_beside_this_one(tmp_path: Path, package: str) -> None:
+    with cluster(tmp_path, ANOTHER_VERSION.format(other=OTHER, package=package)) as url:
+        status, said = run(url, tmp_path / "survey.zarr")
+    said = " ".join(said.split())
+    assert status == 2
+    assert f"has {package} {OTHER}, and this process has {package} " in said
+    assert package != "gear-rattle" or rattle.__version__ in said
+    assert "the worker at tcp://127.0.0.1:" in said
+    assert "Traceback" not in said
+
+
+def test_a_worker_without_this_package_says_so(tmp_path: Path) -> None:
+    root = str(Path(rattle.__file__).parents[1])
+    with cluster(tmp_path, WITHOUT.format(root=root)) as url:
+        status, said = run(url, tmp_path / "survey.zarr")
+    said = " ".join(said.split())
+    assert status == 2
+    assert "cannot import gear_rattle: install it there" in said
+    assert rattle.__version__ in said
+    assert "Traceback" not in said
+
+
+def test_the_command_uses_a_cluster_over_tls_by_its_scheduler_file(tmp_path: Path) -> None:
+    settings = authority(tmp_path / "ca") | {"distributed.comm.require-encryption": "true"}
+    store = tmp_path / "survey.zarr"
+    with cluster(tmp_path, "", settings):
+        status, said = run(str(tmp_path / "scheduler.json"), store, settings)
+        assert status == 0, said
+        status, said = run(str(tmp_path / "nothing.json"), tmp_path / "other.zarr", settings)
+        assert status == 2
+        assert "scheduler file" in said
+    with open_survey(store) as dataset:
+        assert_bit_identical(dataset, serial_run(REQUEST))

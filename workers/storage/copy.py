@@ -1,0 +1,244 @@
+"""A copy of a store elsewhere: each file is compared with its digest when it is read, and where it was written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple, Protocol
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
+
+from gear_rattle.workers.errors import SurveyError, storage_error
+from gear_rattle.workers.storage.bucket import CREATING, LOCK, Bucket
+from gear_rattle.workers.storage.location import Directory, Place, place_of
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
+
+ZIP = ".zip"
+READERS = 8  # files at a time: a bucket answers each after a while
+BATCH = 256  # files that are in memory at most
+
+
+class Copied(NamedTuple):
+    """What a copy has: all its files, their bytes, and how many of them were there already."""
+
+    files: int
+    size: int
+    kept: int
+
+
+class Files(Protocol):
+    """Anything that has files by their keys."""
+
+    def read(self, key: str) -> bytes:
+        """Return a file. Raises OSError."""
+
+
+class ZipStore:
+    """A store in a zip file, as zarr has it: members are not compressed, because chunks are."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._file = ZipFile(path)
+        except (OSError, BadZipFile) as error:
+            raise SurveyError(f"{path} cannot be opened ({error}): give a zip file that `rattle copy` wrote") from error
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def read(self, key: str) -> bytes:
+        """Return a member. Raises OSError."""
+        try:
+            return self._file.read(key)
+        except (KeyError, BadZipFile) as error:
+            raise FileNotFoundError(f"{self.path} has no whole {key}") from error
+
+
+def copy_store(
+    source: str | Path | Place, target: str | Path, on_file: Callable[[int, int], None] | None = None
+) -> Copied:
+    """Copy a survey, finished or not, to a directory, a bucket or a zip file.
+
+    A copy that was interrupted is continued: files that are there and whole are kept. The copy is a store once its
+    root is there, which is written last; a zip file appears whole.
+
+    Parameters
+    ----------
+    source
+        Path, s3:// URL or zip file of a survey's or population's store.
+    target
+        The same, where nothing is, or an interrupted copy of this store.
+    on_file
+        Called with the number of files that are there, and of all.
+
+    Returns
+    -------
+    Copied
+        Files and bytes of the copy.
+
+    Raises
+    ------
+    SurveyError
+        The source is no store, or a file of it is damaged; or something else is at the target.
+    StorageError
+        The target cannot be written, or is not what was written to it.
+    """
+    files = _files(source)
+    manifest, content = _manifest(files)
+    if str(target).endswith(ZIP):
+        return _to_zip(files, manifest, content, Path(target), on_file)
+    place = place_of(target)
+    before = _known(place)
+    if before is not None and before.content_hash != manifest.content_hash:
+        raise SurveyError(f"{place} holds another survey: choose another place, or remove that one")
+    if before is None and place.occupied():
+        raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another place")
+    try:
+        if isinstance(place, Directory):
+            place.path.mkdir(parents=True, exist_ok=True)
+            (place.path / LOCK).touch()
+        with place.writing():
+            return _to_place(files, manifest, content, place, on_file)
+    except OSError as error:
+        raise storage_error(f"{place} cannot be written", error) from error
+
+
+def _files(source: str | Path | Place) -> Files:
+    return ZipStore(Path(str(source))) if str(source).endswith(ZIP) else place_of(source)
+
+
+def _manifest(files: Files) -> tuple[Manifest, bytes]:
+    try:
+        content = files.read(MANIFEST)
+    except (FileNotFoundError, NotADirectoryError):
+        content = b""
+    manifest = Manifest.of_bytes(content)
+    if manifest is None:
+        raise SurveyError(
+            f"{files} holds no survey with a manifest that this version can read: rattle verify says what is wrong"
+        )
+    return manifest, content
+
+
+def _known(place: Place) -> Manifest | None:
+    """Return the manifest of an earlier copy."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return Manifest.of_bytes(place.read(MANIFEST))
+    return None
+
+
+def _keys(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Every file but the manifest, with the digests that it may have; the root is the last."""
+    for key, known in manifest.files.items():
+        yield key, (known,)
+    for tile in manifest.tiles:
+        for key, known in manifest.digests_of(tile).items():
+            yield key, (known,)
+    yield ROOT, manifest.root
+
+
+def _is_whole(files: Files, key: str, known: Sequence[str]) -> bool:
+    try:
+        return digest(key, files.read(key)) in known
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+
+
+def _read(files: Files, key: str, known: Sequence[str]) -> bytes:
+    """Return a file of the source. Raises SurveyError if it is lost or damaged."""
+    try:
+        content = files.read(key)
+    except (FileNotFoundError, NotADirectoryError):
+        content = None
+    if content is None or digest(key, content) not in known:
+        raise SurveyError(
+            f"{key} of {files} is {'lost' if content is None else 'damaged'}, and nothing is copied that is not whole: "
+            "rattle verify names all such files, and the command that computed the survey computes them again"
+        )
+    return content
+
+
+def _to_place(
+    files: Files, manifest: Manifest, content: bytes, place: Place, on_file: Callable[[int, int], None] | None
+) -> Copied:
+    if isinstance(place, Bucket):
+        place.put(CREATING, b"")
+    place.put(MANIFEST, content)
+
+    def copy(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
+        key, known = one
+        part = _read(files, key, known)
+        if kept := _is_whole(place, key, known):
+            return len(part), kept
+        place.put(key, part)
+        if not _is_whole(place, key, known):
+            raise OSError(f"{key} is not what was written")
+        return len(part), False
+
+    total, size, kept, done = _number(manifest), len(content), 0, 1
+    keys = list(_keys(manifest))
+    with ThreadPoolExecutor(READERS) as threads:
+        for some in _batches(keys[:-1]):
+            for length, was_there in threads.map(copy, some):
+                size, kept, done = size + length, kept + was_there, done + 1
+            if on_file:
+                on_file(done, total)
+    length, was_there = copy(keys[-1])
+    if isinstance(place, Bucket):
+        place.sweep()
+    if on_file:
+        on_file(total, total)
+    return Copied(total, size + length, kept + was_there)
+
+
+def _to_zip(
+    files: Files, manifest: Manifest, content: bytes, path: Path, on_file: Callable[[int, int], None] | None
+) -> Copied:
+    if path.exists():
+        raise SurveyError(f"{path} exists: choose another file, or remove it")
+    total, size, done = _number(manifest), len(content), 1
+    try:
+        with _replaced(path) as part:
+            with ZipFile(part, "w", ZIP_STORED) as archive, ThreadPoolExecutor(READERS) as threads:
+                archive.writestr(MANIFEST, content)
+                for some in _batches(_keys(manifest)):
+                    for (key, _), whole in zip(some, threads.map(lambda one: _read(files, *one), some), strict=True):
+                        archive.writestr(key, whole)
+                        size, done = size + len(whole), done + 1
+                    if on_file:
+                        on_file(done, total)
+            _require_whole(ZipStore(part), _keys(manifest))
+    except OSError as error:
+        raise storage_error(f"{path} cannot be written", error) from error
+    return Copied(total, size, 0)
+
+
+def _require_whole(files: Files, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
+    for key, known in keys:
+        if not _is_whole(files, key, known):
+            raise OSError(f"{key} is not what was written")
+
+
+def _batches(keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:
+    left = iter(keys)
+    while some := list(islice(left, BATCH)):
+        yield some
+
+
+def _number(manifest: Manifest) -> int:
+    return 2 + len(manifest.files) + len(manifest.chunks) * len(manifest.tiles)
+
+
+@contextmanager
+def _replaced(path: Path) -> Iterator[Path]:
+    """A path beside another, whose place it takes once it is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
