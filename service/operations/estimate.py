@@ -11,7 +11,6 @@ from itertools import islice
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
@@ -58,7 +57,7 @@ async def estimate(front: Front, request: AnyRequest) -> Estimate:
             front,
             cell_seconds,
             request,
-            needs=(request.model, Part.POINT),
+            model=request.model,
             what="The cost",
             advice="Ask for fewer initial conditions in a cell.",
         )

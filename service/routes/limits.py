@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import with_queries
@@ -107,7 +106,7 @@ async def limits(
         front,
         found_limits,
         *(given, of, share, over, values, between, count, seed, budget),
-        needs=(model_of_numbers(given).name, Part.ATTRACTORS),
+        model=model_of_numbers(given).name,
         what="The limits",
         advice="Ask for fewer initial conditions (count), fewer values, or use the command rattle limit.",
     )

@@ -28,7 +28,6 @@ from gear_rattle.service.explorer.map.picture import AsSeen, links, picture_quer
 from gear_rattle.service.explorer.map.planes import Block, Plane, names_of
 from gear_rattle.service.explorer.map.readout import in_words
 from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.kernels import Part
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import POINTS
 from rattle import RattleError
@@ -240,7 +239,7 @@ class FurtherMap:
     async def _draw_lines(self, plane: Plane, names: tuple[str, ...], window: Ranges) -> None:
         """The lines of the first map, as they are of this one's gear."""
         model = plane.request.gear_model
-        await self._shared.front.kernels.require(model.name, Part.CURVES, patience=float("inf"))
+        await self._shared.front.kernels.require(model.name, patience=float("inf"))
         for name in names:
             if name in model.curve_names and name not in WHOLE:
                 pieces, _ = await self._viewer.read(partial(pieces_of, name, model, *window))

@@ -19,7 +19,6 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch
 from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import Map
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
@@ -121,7 +120,7 @@ class Lines:
         self._map.no_lines()
 
     async def _line(self, name: str, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+        await self._viewer.front.kernels.require(model.name, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: points_in(model, window))
             self._viewer.change(lambda: self._map.points(points))

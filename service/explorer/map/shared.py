@@ -18,7 +18,6 @@ from gear_rattle.service.explorer.common.news import LISTED, News
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import usual_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, maps_of, window_of
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.overlaid import Overlaid
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
@@ -104,7 +103,7 @@ class Shared:
         """Find what a page will show that asks for nothing: the first would wait for all that is loaded on the way."""
         try:
             model, window = await run_in_threadpool(self._first)
-            await self.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+            await self.front.kernels.require(model.name, patience=math.inf)
             await run_in_threadpool(usual_lines, model, window)
         except (RattleError, ValueError, OSError) as error:  # whoever opens the page is told
             log.info("the first map cannot be drawn beforehand: %s", error)

@@ -18,7 +18,6 @@ from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import Lines
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import Capability, Model, lacking
@@ -100,17 +99,17 @@ class PointView(param.Parameterized):
         )
 
     def _say_what_is_computed(self) -> None:
-        panel, ready = self.panel, partial(self._front.kernels.has, self._model.name)
+        panel, ready = self.panel, self._front.kernels.has(self._model.name)
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"),
         ):  # fmt: skip
             text.html = waiting(what)
-        if not ready(Part.POINT):
+        if not ready:
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
         if self._model.in_closed_form:
-            if ready(Part.ORBITS):
+            if ready:
                 self._tell_orbits(parts.period_one(self._gear))
             else:
                 self._work.start(self._work.part(panel.orbits, self._closed_form))
@@ -161,7 +160,7 @@ class PointView(param.Parameterized):
         await self._work.tell(self.panel.loud, said)
 
     async def _closed_form(self) -> None:
-        await self._work.kernels(Part.ORBITS)
+        await self._work.kernels()
         await self._work.change(lambda: self._tell_orbits(parts.period_one(self._gear)))
 
     async def _continued(self) -> None:

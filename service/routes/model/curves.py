@@ -8,7 +8,6 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
@@ -124,7 +123,7 @@ async def curves(
         model,
         window["delta"],
         window["epsilon"],
-        needs=(model.name, Part.CURVES),
+        model=model.name,
         what="The curves",
         advice="Ask for a smaller window.",
     )

@@ -8,7 +8,6 @@ from typing import Any
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import intensities, number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
@@ -106,7 +105,7 @@ async def intensity(
         v_max,
         seed,
         budget,
-        needs=(model_at(place.gear).name, Part.ATTRACTORS),
+        model=model_at(place.gear).name,
         what="The intensities",
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )

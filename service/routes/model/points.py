@@ -10,7 +10,6 @@ from starlette.concurrency import run_in_threadpool
 
 import rattle
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import number, orbits_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, with_fields
@@ -147,14 +146,14 @@ async def orbits(front: FrontState, place: PlaceQuery) -> Orbits:
     gear = place.gear
     model = model_at(gear)
     if model.in_closed_form:
-        await front.kernels.require(model.name, Part.ORBITS)
+        await front.kernels.require(model.name)
         found = await run_in_threadpool(orbits_document, gear)
     else:
         found = await in_turn(
             front,
             orbits_document,
             gear,
-            needs=(model.name, Part.ORBITS),
+            model=model.name,
             what="The orbits",
             advice="Choose another point.",
         )
@@ -201,7 +200,7 @@ async def attractors(
         v_max,
         seed,
         budget,
-        needs=(model_at(gear).name, Part.ATTRACTORS),
+        model=model_at(gear).name,
         what="The attractors",
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )

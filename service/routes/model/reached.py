@@ -8,7 +8,6 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import Field
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.model.points import AttractorDocument, Point, attractor_document, point_document
@@ -62,7 +61,7 @@ async def reached(
         gear.reached,
         tau,
         v,
-        needs=(model_at(gear).name, Part.ATTRACTORS),
+        model=model_at(gear).name,
         what="The ends of the states",
         advice="Ask for fewer states.",
     )
