@@ -41,6 +41,10 @@ class Parameter:
         Its unit, "1" for a number without one.
     is_axis : bool
         Whether it may be the third axis of a survey.
+    path_power : float
+        The power of it that changes evenly along a path of parameters.
+    path_label : str
+        The name of that power in words, for an axis.
     machine_number : str, optional
         The number of a `rattle.Machine` that makes it.
     machine_text, machine_absent : str
@@ -59,6 +63,8 @@ class Parameter:
     greatest: float = math.inf
     unit: str = "1"
     is_axis: bool = True
+    path_power: float = 1.0
+    path_label: str = ""
     machine_number: str | None = None
     machine_text: str = ""
     machine_absent: str = ""

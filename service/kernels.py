@@ -1,7 +1,7 @@
 """Kernels of a service, compiled in a process of their own before anybody's time is counted.
 
-A fresh installation compiles for some minutes. That begins with the service, with a survey's kernels, which workers wait
-for and load; those of other models wait until somebody needs them.
+A fresh installation compiles for some minutes. That begins with the service, with a survey's kernels, which workers
+wait for and load; those of other models wait until somebody needs them.
 """
 
 from __future__ import annotations

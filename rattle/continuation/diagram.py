@@ -11,7 +11,7 @@ attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -93,9 +93,9 @@ class Piece:
 class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta (dimensionless).
 
-    segment: its ends, δ and ε first. position, delta, epsilon, kappa (n,): the steps, position as the fraction of the
-    way, stiffness infinite in the impacting model. branches: A to D and all other P(m, n₊, n₋) that were found, each
-    once, with stable and admissible parts flagged; events: all that happen on them, each once. points: the attractors
+    segment: its ends, δ and ε first. position, delta, epsilon (n,): the steps, position as the fraction of the way;
+    added: the other parameters (n,) of the model, by name. branches: A to D and all other P(m, n₊, n₋) that were found,
+    each once, with stable and admissible parts flagged; events: all that happen on them, each once. points: the attractors
     followed forward and backward. sampled: what a sample of initial conditions finds at each step, quiet motion too
     (cell is the step). small: stable parts that no sample found, for their basins are small or they fit between two
     steps. left_out: labels met but not followed as branches, beyond the limits.
@@ -106,7 +106,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     position: Array
     delta: Array
     epsilon: Array
-    kappa: Array
+    added: Mapping[str, Array]
     branches: tuple[AnyBranch, ...]
     events: tuple[AnyEvent, ...]
     points: Points
@@ -144,7 +144,8 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         its own `to_xarray`. Raises MissingExtraError without xarray.
         """
         points = {name: ("impact", values) for name, values in self.points._asdict().items()}
-        steps = {name: ("number", getattr(self, name)) for name in ("delta", "epsilon", "kappa")}
+        values = {"delta": self.delta, "epsilon": self.epsilon, **self.added}
+        steps = {name: ("number", each) for name, each in values.items()}
         return dataset_of(points, {**steps, "beta": self.beta}, {"kinds": list(KINDS)})
 
     def curve_of(self, event: AnyEvent) -> str | None:
@@ -202,7 +203,7 @@ def diagram_of(
         position,
         parameters.delta,
         parameters.epsilon,
-        parameters.added.get("kappa", np.full(position.size, np.inf)),
+        parameters.added,
         tuple(branches),
         tuple(sorted(search.events, key=lambda event: float(segment.position(event.parameters)))),
         sweeps.points(position, CHAOTIC_POINTS),

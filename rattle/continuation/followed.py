@@ -57,8 +57,8 @@ class Followed(ABC):
 
     @property
     @abstractmethod
-    def kappa(self) -> Array:
-        """Stiffness (k,)."""
+    def added(self) -> dict[str, Array]:
+        """The other parameters (k,) of the model, by name."""
 
     @property
     def walls(self) -> tuple[int, ...]:
@@ -82,7 +82,7 @@ class Followed(ABC):
 
     @property
     def parameters(self) -> Array:
-        """The parameters (k, 2) or (k, 3) that change along branches of the model: δ, ε, then κ^(−1/2)/√2."""
+        """The parameters (k, 2) or more that change along branches of the model, δ and ε first."""
         return self.unknowns[:, self.itinerary.n :]
 
     @property
@@ -117,7 +117,7 @@ class Followed(ABC):
         return {
             "delta": self.delta,
             "epsilon": self.epsilon,
-            "kappa": self.kappa,
+            **self.added,
             "tau": self.tau,
             "v": self.v,
             "multiplier_1": self.multipliers[0],
@@ -160,7 +160,7 @@ class Followed(ABC):
                 "speed": (("point", "impact"), self.speeds),
             },
             {
-                **{name: each[name] for name in ("delta", "epsilon", "kappa")},
+                **{name: each[name] for name in ("delta", "epsilon", *self.added)},
                 "number": [1, 2],
                 "wall": ("impact", np.array(self.itinerary.walls)),
                 "beta": self.itinerary.beta,

@@ -52,7 +52,7 @@ def model_adding(names: Any) -> type[Model]:
 
 
 def model_of(beta: float = 0.6, **added: float | None) -> Model:
-    """Return the model that has what is added, such as kappa=1e4; None stands for nothing. Raises ParameterError."""
+    """Return the model that has what is added; None stands for nothing. Raises ParameterError."""
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
     return model_adding(given)(beta, **given)
 

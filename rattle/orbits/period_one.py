@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple, Protocol
 
@@ -19,8 +19,8 @@ class Orbit(NamedTuple):
     """A period-one orbit P(m, n_plus, n_minus) of the impact map, at one of its impacts on Σ⁺.
 
     tau is the phase in [0, 1), v > 0 the speed after impact (units: gap coordinate per forcing period), multipliers
-    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)). delta, epsilon, beta, kappa: where it
-    is, stiffness infinite in the impacting model.
+    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)). delta, epsilon, beta: where it is;
+    added: the other parameters of its model, by name.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Orbit(NamedTuple):
     delta: float
     epsilon: float
     beta: float
-    kappa: float
+    added: Mapping[str, float]
 
     def _caption(self) -> str:
         kind = "stable" if self.stable else "unstable"

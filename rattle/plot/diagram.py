@@ -1,6 +1,7 @@
 """Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
 
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from rattle.continuation.sweeps import Points
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.diagram import diagram
+from rattle.models import ADDED
 from rattle.numerics.complex_step import Array
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type
@@ -90,7 +92,7 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
         lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
         labels = Labels(panel, lines)
         _marks(panel, labels, diagram, which, scale, offset)
-        _names(panel, labels, curves, which, one=which == "v" and bool(np.isinf(diagram.kappa).all()))
+        _names(panel, labels, curves, which, one=which == "v" and not diagram.added)
     figure.set_layout_engine("none")  # labels lie where they were put
     return figure
 
@@ -104,12 +106,14 @@ def branch_figure(branch: Any) -> Figure:
     require(bool(way.any()), "the branch is a single point: there is no way along it to draw")
     way = way * np.sign(way[np.argmax(np.abs(way))])
     first, last = np.argmin(at @ way), np.argmax(at @ way)
-    ends = found.delta[[first, last]], found.epsilon[[first, last]], found.kappa[[first, last]]
+    ends = [first, last]
     alone = Diagram(
         Segment(at[first], at[last]),
         found.itinerary.beta,
         np.array([0.0, 1.0]),
-        *ends,
+        found.delta[ends],
+        found.epsilon[ends],
+        {name: values[ends] for name, values in found.added.items()},
         (found,),
         tuple(event for event in found.events if event.admissible),
         Points._make([np.empty(0)] * len(Points._fields)),
@@ -150,29 +154,28 @@ def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
 
 def _fixed(diagram: Diagram[Any, Any]) -> str:
     """The parameters that do not change along a diagram."""
-    names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), "κ": diagram.kappa}
-    return ", ".join(
-        f"{name} = {values[0]:g}"
-        for name, values in names.items()
-        if values[0] == values[-1] and np.isfinite(values[0])
-    )
+    added = {ADDED[name].symbol: values for name, values in diagram.added.items()}
+    names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), **added}
+    return ", ".join(f"{name} = {values[0]:g}" for name, values in names.items() if values[0] == values[-1])
 
 
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
     """Label of the axis, and scale and offset that take a position to it."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
-    kappa, last_kappa = diagram.kappa[[0, -1]]
-    rest = f"β = {diagram.beta:g}"
-    if kappa != last_kappa:
-        rest += f", κ {kappa:g} to {last_kappa:g}"
-    elif np.isfinite(kappa):
-        rest += f", κ = {kappa:g}"
+    rest, changing = f"β = {diagram.beta:g}", []
+    for name, values in diagram.added.items():
+        added, first, last = ADDED[name], *values[[0, -1]]
+        rest += f", {added.symbol} = {first:g}" if first == last else f", {added.symbol} {first:g} to {last:g}"
+        if first != last:
+            changing.append((added, first**added.path_power, last**added.path_power))
     if (delta, epsilon) == (last_delta, last_epsilon):
-        root, last_root = kappa**-0.5, last_kappa**-0.5
-        return f"softness $κ^{{-1/2}}$ (δ = {delta:g}, ε = {epsilon:g}, {rest})", last_root - root, root
-    if kappa == last_kappa and delta == last_delta:
+        added, start, end = changing[0]
+        power = f"^{{{Fraction(added.path_power)}}}" if added.path_power != 1.0 else ""
+        label = f"{added.path_label or added.label} ${added.symbol}{power}$"
+        return f"{label} (δ = {delta:g}, ε = {epsilon:g}, {rest})", end - start, start
+    if not changing and delta == last_delta:
         return f"eccentricity $ε$ (δ = {delta:g}, {rest})", last_epsilon - epsilon, epsilon
-    if kappa == last_kappa and epsilon == last_epsilon:
+    if not changing and epsilon == last_epsilon:
         return f"damping $δ$ (ε = {epsilon:g}, {rest})", last_delta - delta, delta
     return f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), {rest}", 1.0, 0.0
 

@@ -124,8 +124,9 @@ class StiffGear(Sampled, Rattling):
 
     def orbits(self) -> tuple[Orbit, ...]:
         """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        added = {"kappa": self.kappa}
         return tuple(
-            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point)
+            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point[:3], added)
             for name, found in period_one.orbits_at(*self._point)
         )
 

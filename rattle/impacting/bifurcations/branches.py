@@ -57,9 +57,9 @@ class Branch(Followed):
         return self.times
 
     @property
-    def kappa(self) -> Array:
-        """Stiffness (k,): infinite."""
-        return np.full(len(self), np.inf)
+    def added(self) -> dict[str, Array]:
+        """No other parameters."""
+        return {}
 
     @property
     def unfolded(self) -> Array:

@@ -91,7 +91,7 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
             delta,
             epsilon,
             beta,
-            np.inf,
+            {},
         )
         for i, name in enumerate(NAMES)
         if found.exists[i]

@@ -2,7 +2,6 @@
 that each flight is a true first impact.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,7 +151,7 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
-    require(math.isinf(orbit.kappa), "this orbit is of the stiff gear: follow it with rattle.stiff.stiff_branch")
+    require(not orbit.added, "this orbit is of the stiff gear: follow it with rattle.stiff.stiff_branch")
     return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 

@@ -79,9 +79,9 @@ class StiffBranch(Followed):
     grazes: tuple[StiffEvent, ...]
 
     @property
-    def kappa(self) -> Array:
-        """Stiffness (k,)."""
-        return np.asarray(0.5 / self.unknowns[:, -1] ** 2)
+    def added(self) -> dict[str, Array]:
+        """The stiffness (k,)."""
+        return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
     def unfolded(self) -> Array:

@@ -1,6 +1,5 @@
 """Periodic motions P(m, n₊, n₋) of the stiff gear: solved for, checked, followed from the impacting limit."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -173,8 +172,8 @@ def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
-    require(math.isfinite(orbit.kappa), "this orbit is of the impacting gear: follow it with rattle.branch")
-    return stiff_orbit(orbit.delta, orbit.epsilon, orbit.kappa, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
+    require("kappa" in orbit.added, "this orbit is of the impacting gear: follow it with rattle.branch")
+    return stiff_orbit(orbit.delta, orbit.epsilon, orbit.added["kappa"], orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
 def stiff_orbit(
