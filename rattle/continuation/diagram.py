@@ -94,11 +94,11 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta (dimensionless).
 
     segment: its ends, δ and ε first. position, delta, epsilon (n,): the steps, position as the fraction of the way;
-    added: the other parameters (n,) of the model, by name. branches: A to D and all other P(m, n₊, n₋) that were found,
-    each once, with stable and admissible parts flagged; events: all that happen on them, each once. points: the attractors
-    followed forward and backward. sampled: what a sample of initial conditions finds at each step, quiet motion too
-    (cell is the step). small: stable parts that no sample found, for their basins are small or they fit between two
-    steps. left_out: labels met but not followed as branches, beyond the limits.
+    added: the other parameters (n,) of the model, by name. branches: A to D and all other P(m, n₊, n₋) that were
+    found, each once, with stable and admissible parts flagged; events: all that happen on them, each once. points:
+    the attractors followed forward and backward. sampled: what a sample of initial conditions finds at each step,
+    quiet motion too (cell is the step). small: stable parts that no sample found, for their basins are small or they
+    fit between two steps. left_out: labels met but not followed as branches, beyond the limits.
     """
 
     segment: Segment
