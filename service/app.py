@@ -62,9 +62,12 @@ Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 def create_app(settings: Settings | None = None, cluster: Cluster | None = None) -> FastAPI:
     """Build the application.
 
-    Args:
-        settings: from the environment if not given.
-        cluster: opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
+    Parameters
+    ----------
+    settings : Settings | None
+        From the environment if not given.
+    cluster : Cluster | None
+        Opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
     """
     settings = settings or Settings()
     metrics = Metrics()

@@ -43,11 +43,15 @@ Progress = Callable[[Document], None]
 class Client:
     """A connection to a service.
 
-    Args:
-        url: where the service is, such as ``http://127.0.0.1:8000``.
-        http: an httpx client to use instead of a new one; its base URL wins.
-        key: API key; the environment variable ``RATTLE_API_KEY`` if not given. Whoever runs the service at ``url``,
-            or reads along where it is not https, gets it.
+    Parameters
+    ----------
+    url
+        Where the service is, such as ``http://127.0.0.1:8000``.
+    http
+        An httpx client to use instead of a new one; its base URL wins.
+    key
+        API key; the environment variable ``RATTLE_API_KEY`` if not given. Whoever runs the service at ``url``, or reads
+        along where it is not https, gets it.
     """
 
     def __init__(
@@ -80,14 +84,21 @@ class Client:
 
         The service answers with an identical survey if it has one, finished or not.
 
-        Args:
-            request: what to compute.
-            idempotency_key: the same body with the same key is the same survey, however often it is sent.
-            force: compute it anew although an identical survey is there.
-            fields: of the request; they win.
+        Parameters
+        ----------
+        request : SurveyRequest | Mapping[str, Any] | None
+            What to compute.
+        idempotency_key : str | None
+            The same body with the same key is the same survey, however often it is sent.
+        force : bool
+            Compute it anew although an identical survey is there.
+        fields
+            Of the request; they win.
 
-        Raises:
-            ServiceError: the service refuses it, or cannot be reached.
+        Raises
+        ------
+        ServiceError
+            The service refuses it, or cannot be reached.
         """
         return self._submitted("/v1/surveys", _body(request, fields), idempotency_key, force)
 
@@ -108,19 +119,19 @@ class Client:
         return Job(self, self.document("POST", path, json=body, headers=headers, params=params))
 
     def job(self, survey_id: str) -> Job:
-        """A survey by its id."""
+        """Return a survey by its id."""
         return Job(self, self.document("GET", f"/v1/surveys/{survey_id}"))
 
     def population(self, population_id: str) -> Job:
-        """A population by its id."""
+        """Return a population by its id."""
         return Job(self, self.document("GET", f"/v1/populations/{population_id}"))
 
     def surveys(self) -> Iterator[Job]:
-        """Every survey of the service, newest first."""
+        """Return every survey of the service, newest first."""
         return self._listed("surveys")
 
     def populations(self) -> Iterator[Job]:
-        """Every population of the service, newest first."""
+        """Return every population of the service, newest first."""
         return self._listed("populations")
 
     def _listed(self, kind: str) -> Iterator[Job]:
@@ -135,9 +146,12 @@ class Client:
     def call(self, method: str, path: str, **kwargs: Any) -> httpx.Response:
         """Send one request.
 
-        Raises:
-            ResponseError: the service answered with an error; its problem document is attached.
-            ServiceError: the service cannot be reached.
+        Raises
+        ------
+        ResponseError
+            The service answered with an error; its problem document is attached.
+        ServiceError
+            The service cannot be reached.
         """
         headers = self.headers | kwargs.pop("headers", {})
         try:
@@ -156,8 +170,10 @@ class Client:
     def document(self, method: str, path: str, **kwargs: Any) -> Document:
         """Send one request, and return the document that answers it.
 
-        Raises:
-            ServiceError: as `call`; or the answer is no document, so another program answered.
+        Raises
+        ------
+        ServiceError
+            As `call`; or the answer is no document, so another program answered.
         """
         answer = self.call(method, path, **kwargs)
         try:
@@ -192,8 +208,10 @@ class Client:
 class Job:
     """A survey or a population of a service.
 
-    Attributes:
-        document: the survey as the service last showed it.
+    Attributes
+    ----------
+    document
+        The survey as the service last showed it.
     """
 
     def __init__(self, client: Client, document: Document) -> None:
@@ -240,14 +258,21 @@ class Job:
     def wait(self, progress: Progress | None = None, patience: float = 60.0, timeout: float | None = None) -> Self:
         """Wait until the survey is successful, through lost connections and restarts of the service.
 
-        Args:
-            progress: called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
-            patience: seconds that the service may be away, from when that is noticed.
-            timeout: seconds to wait at most; the survey goes on afterwards, and can be waited for again.
+        Parameters
+        ----------
+        progress : Progress | None
+            Called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
+        patience : float
+            Seconds that the service may be away, from when that is noticed.
+        timeout : float | None
+            Seconds to wait at most; the survey goes on afterwards, and can be waited for again.
 
-        Raises:
-            ServiceError: the survey failed, was dismissed or deleted, or the service stayed away.
-            WaitTimeoutError: it has not ended in this time.
+        Raises
+        ------
+        ServiceError
+            The survey failed, was dismissed or deleted, or the service stayed away.
+        WaitTimeoutError
+            It has not ended in this time.
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
@@ -291,18 +316,21 @@ class Job:
             yield seen, self.document
 
     def open(self) -> xr.Dataset:
-        """The results, read over HTTP as they are used."""
+        """Return the results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
 
     def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
-        """The map of one family of a survey that was computed with families: `gear_rattle.workers.open_family`."""
+        """Return the map of one family of a survey that was computed with families: `gear_rattle.workers.open_family`.
+        """
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
         """What follows from a population that has ended: the answer of `GET /v1/populations/{population_id}/answers`.
 
-        Raises:
-            ServiceError: it has not ended.
+        Raises
+        ------
+        ServiceError
+            It has not ended.
         """
         return self._client.document("GET", f"{self._link('self')}/answers")
 
@@ -314,8 +342,10 @@ class Job:
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
         """Give the survey another name, or other notes; what is None stays.
 
-        Raises:
-            ServiceError: it was submitted with another key.
+        Raises
+        ------
+        ServiceError
+            It was submitted with another key.
         """
         given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
         self.document = self._client.document("PATCH", self._link("self"), json=given)

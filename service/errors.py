@@ -108,9 +108,12 @@ class DataDirectoryError(ServiceError):
 class ResponseError(ServiceError):
     """A server answered the client with an error.
 
-    Attributes:
-        status: HTTP status of the answer.
-        problem: the problem document (RFC 9457), empty if the answer held none.
+    Attributes
+    ----------
+    status
+        HTTP status of the answer.
+    problem
+        The problem document (RFC 9457), empty if the answer held none.
     """
 
     __module__ = "gear_rattle"

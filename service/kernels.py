@@ -72,17 +72,21 @@ class Kernels:
         return any(not task.done() and not self.has(model, LAST) for model, task in self._tasks.items())
 
     def has(self, model: str, part: Part) -> bool:
-        """Whether these kernels need not be compiled any more."""
+        """Return whether these kernels need not be compiled any more."""
         return (model, part) in self._ready and self._ready[model, part].is_set()
 
     async def require(self, model: str, part: Part, patience: float | None = None) -> None:
         """Wait until these kernels are there.
 
-        Args:
-            patience: seconds; by default as long as points may be computed.
+        Parameters
+        ----------
+        patience : float | None
+            Seconds; by default as long as points may be computed.
 
-        Raises:
-            KernelsError: they are still being compiled, or too many wait already.
+        Raises
+        ------
+        KernelsError
+            They are still being compiled, or too many wait already.
         """
         self.begin(model)
         if self.has(model, part):

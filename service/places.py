@@ -23,7 +23,10 @@ class Places:
 
     @asynccontextmanager
     async def one(self) -> AsyncIterator[None]:
-        """A place for what somebody waits for. It takes that of something in the background, if there is no other."""
+        """Yield a place for what somebody waits for.
+
+        It takes that of something in the background, if there is no other.
+        """
         self._waiting += 1
         if self._waiting == 1:
             self._nobody_waits = Event()

@@ -48,20 +48,26 @@ class Front:
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def stored(self, survey_id: str, kind: Kind = Kind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """A survey, or a population, and the place of its store. Blocks: for a thread.
+        """Return a survey, or a population, and the place of its store. Blocks: for a thread.
 
-        Raises:
-            UnknownSurveyError: there is none of this kind.
-            DirectoryAwayError: the data directory is not there.
+        Raises
+        ------
+        UnknownSurveyError
+            There is none of this kind.
+        DirectoryAwayError
+            The data directory is not there.
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """A survey, and the place of its store, which is there. Blocks: for a thread.
+        """Return a survey, and the place of its store, which is there. Blocks: for a thread.
 
-        Raises:
-            MissingError: it has no numbers yet, or its store is gone.
-            UnknownSurveyError, DirectoryAwayError: as `stored`.
+        Raises
+        ------
+        MissingError
+            It has no numbers yet, or its store is gone.
+        UnknownSurveyError, DirectoryAwayError
+            As `stored`.
         """
         job, place = self.stored(survey_id)
         if place.exists():
@@ -103,7 +109,7 @@ class Front:
 
 
 async def front_of(request: Request) -> Front:
-    """The shared state of the application that got this request."""
+    """Return the shared state of the application that got this request."""
     front: Front = request.app.state.front
     return front
 

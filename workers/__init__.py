@@ -1,5 +1,6 @@
-"""A survey of the (δ, ε) plane, or a population of gears: its request, its tiles, its zarr store, and the dask cluster
-that fills it.
+"""A survey of the (δ, ε) plane, or a population of gears.
+
+Its request, its tiles, its zarr store, and the dask cluster that fills it.
 
 Pictures are apart, in workers/pictures: processes that compute need not load what draws.
 """

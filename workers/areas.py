@@ -30,8 +30,14 @@ def certify_areas(
 ) -> list[Block]:
     """Prove what can be proved of a plane in so many columns of δ, and write the blocks to the file `out`.
 
-    on_done is told the number of columns that are through, should_stop asked after each. Raises StorageError if the
-    file cannot be written, MissingExtraError without python-flint.
+    on_done is told the number of columns that are through, should_stop asked after each.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    MissingExtraError
+        Without python-flint.
     """
     found: list[Block] = []
     try:

@@ -26,7 +26,9 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether a bound was asked for, and it is not yet known of a survey whose tiles are all there that it is met."""
+    """Return whether a bound was asked for, and it is not yet known of a survey whose tiles are all there that it is
+    met.
+    """
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
@@ -39,19 +41,26 @@ def meet_bound(
 ) -> bool:
     """Take a survey whose tiles are all there through rounds of audits until its bound is met, and tell what it is.
 
-    Args:
-        each: does the tasks.
-        at_once: tiles that it is given at a time to be computed.
-        should_pause: asked after each time: whether the rest is left for another call.
-
     Returns whether the bound is met; False after a pause.
 
     The caller holds the store, whose attractors are not yet joined. What a tile holds follows from the request and the
     rounds, and these from what all tiles have: neither tiles nor workers nor where a run was interrupted show.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Parameters
+    ----------
+    each : Each
+        Does the tasks.
+    at_once : int
+        Tiles that it is given at a time to be computed.
+    should_pause : Callable[[], bool]
+        Asked after each time: whether the rest is left for another call.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     assert request.refine is not None
     assert request.refine.bound is not None

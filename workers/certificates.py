@@ -115,19 +115,29 @@ def certify_survey(
 ) -> xr.Dataset:
     """Prove the periodic attractors of a survey, and write certificates and variables to the store `out`.
 
-    Args:
-        survey: as `open_survey` gives it.
-        prove: proves some parts of the attractors, anywhere: `certified` of each, in order. What it raises is raised.
-        at_once: parts that it is given at a time: what they give is kept when all are through.
-        on_done: told how many attractors are through, those of earlier runs included, and how many there are.
-        should_stop: asked after each time; what is through by then is kept.
-
     Returns the variables: `attractor_certificate` and `attractor_certificate_radius` on (attractor, epsilon, delta).
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: the survey has no attractors, or `out` holds something else.
-        MissingExtraError: python-flint is not installed.
+    Parameters
+    ----------
+    survey : xr.Dataset
+        As `open_survey` gives it.
+    prove : Callable[[Sequence[list[Claim]]], list[Answers]]
+        Proves some parts of the attractors, anywhere: `certified` of each, in order. What it raises is raised.
+    at_once : int
+        Parts that it is given at a time: what they give is kept when all are through.
+    on_done : Callable[[int, int], None]
+        Told how many attractors are through, those of earlier runs included, and how many there are.
+    should_stop : Callable[[], bool]
+        Asked after each time; what is through by then is kept.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        The survey has no attractors, or `out` holds something else.
+    MissingExtraError
+        Python-flint is not installed.
     """
     claims = claims_of(survey)
     try:
@@ -208,7 +218,7 @@ def _known(survey: xr.Dataset) -> str:
 
 
 def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> bool:
-    """Whether the attractors of a survey, which are all there, are still to be proved as it asks."""
+    """Return whether the attractors of a survey, which are all there, are still to be proved as it asks."""
     if not request.certify:
         return False
     out = certificates_of(where)
@@ -261,7 +271,7 @@ class CertificatesIntegrity:
 
 
 def holds_certificates(where: str | Path | Location) -> bool:
-    """Whether a directory is a store of certificates, damaged or not."""
+    """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
     return isinstance(place, Directory) and (
         KNOWN in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))

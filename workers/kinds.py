@@ -49,8 +49,10 @@ def compute_tile(
 ) -> tuple[TileArrays, TileRecord]:
     """Compute every variable of a tile: a pure function of the request and the tile's cells.
 
-    Args:
-        outcomes: of the cells, in their order, if they come from elsewhere.
+    Parameters
+    ----------
+    outcomes : Iterable[CellOutcome] | None
+        Of the cells, in their order, if they come from elsewhere.
     """
     compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)

@@ -25,7 +25,7 @@ from rattle.attractors import PERIODIC
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether levels of a survey, whose tiles are all there and joined, are still to be made."""
+    """Return whether levels of a survey, whose tiles are all there and joined, are still to be made."""
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
@@ -35,9 +35,12 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
     The caller holds the store. The result is a function of what the cells hold: neither the tiles' shape nor an order
     shows. A run that was killed meanwhile leaves a survey without levels, whose levels are made anew.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     place = place_of(where)
     found = each(make_block, request, str(place), [(block,) for block in blocks_of(request)])

@@ -38,7 +38,7 @@ MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13  # at weak damping: impacts of all 
 
 
 def budget_of(delta: float, states: int) -> int:
-    """The most impacts of each of so many states: those of a survey, fewer of many at weak damping."""
+    """Return the most impacts of each of so many states: those of a survey, fewer of many at weak damping."""
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
@@ -64,16 +64,19 @@ class Plane:
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
-        """The states as samples of one cell, each followed to its end."""
+        """Return the states as samples of one cell, each followed to its end."""
         budget = budget_of(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The states after so many returns, and whether they have become quiet on the way."""
+        """Return the states after so many returns, and whether they have become quiet on the way."""
         return self.classifier.iterated(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
-        """The cell of every state: row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside."""
+        """Return the cell of every state.
+
+        Row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside.
+        """
         cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
         point = self.parameters.point()
         cell_of(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
@@ -116,7 +119,7 @@ class Basins(Tabular):
         return attractor_columns(self.attractors)
 
     def to_xarray(self) -> Dataset:
-        """labels and steps over (v, tau). Raises MissingExtraError without xarray."""
+        """Return labels and steps over (v, tau). Raises MissingExtraError without xarray."""
         names = [each.name for each in self.attractors]
         coded = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names), "long_name": "attractor"}
         return dataset_of(
@@ -127,7 +130,7 @@ class Basins(Tabular):
 
 
 def classified(plane: Plane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """The attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
+    """Return the attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
     return table, rows, classifier.samples.impacts
@@ -140,8 +143,9 @@ def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArra
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
-    """The cells (n_v, n_tau) with another label among their eight neighbours; speeds are not periodic, phases are if
-    all of them are there.
+    """Return the cells (n_v, n_tau) with another label among their eight neighbours.
+
+    Speeds are not periodic, phases are if all of them are there.
     """
     wide = np.pad(labels, ((0, 0), (1, 1)), mode="wrap" if all_phases else "edge")
     wide = np.pad(wide, ((1, 1), (0, 0)), mode="edge")
@@ -154,8 +158,9 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
 
 
 def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
-    """The map of cells (n² + 1,), the last the sink of quiet capture. A cell whose motion does not return to the box
-    maps to itself: a group of its own, which is then followed exactly.
+    """The map of cells (n² + 1,), the last the sink of quiet capture.
+
+    A cell whose motion does not return to the box maps to itself: a group of its own, which is then followed exactly.
     """
     sink = tau.size
     t, speed, rests = plane.iterated(tau, v, impacts)
@@ -209,8 +214,10 @@ class States:
 def _by_cells(
     plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
-    trajectories, and every cell with another label among its neighbours, until there is none left.
+    """As `classified` for the centres of all cells, by simple cell mapping.
+
+    If refine, a lattice of cells by their own trajectories, and every cell with another label among its neighbours,
+    until there is none left.
     """
     impacts = round(impacts * max(1.0, WEAK / plane.delta))  # a step moves states nearer to attractors than a cell is
     image = _images(plane, tau, v, n, box, impacts)

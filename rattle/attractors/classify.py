@@ -44,8 +44,9 @@ ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
 
 
 class Chaos(NamedTuple):
-    """A chaotic attractor of one cell: the samples that are on it, the batch sums of those measured, and the forcing
-    periods for which these were watched.
+    """A chaotic attractor of one cell.
+
+    The samples that are on it, the batch sums of those measured, and the forcing periods for which these were watched.
     """
 
     samples: NDArray[np.int64]
@@ -86,7 +87,7 @@ class Classifier(ABC):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> Any:
-        """The same where only periodic orbits are followed."""
+        """Return the same where only periodic orbits are followed."""
         return cls.cells_of(parameters)
 
     @staticmethod
@@ -94,8 +95,9 @@ class Classifier(ABC):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
-        one that goes on bouncing is located there.
+        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way.
+
+        One that goes on bouncing is located there.
         """
 
     @classmethod
@@ -106,7 +108,8 @@ class Classifier(ABC):
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
-        """The samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+        """Return the samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget.
+        """
         compile_apart("rattle.precompile", "survey", cls.model)
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
@@ -161,8 +164,10 @@ class Classifier(ABC):
     def settled(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Status (k,) of other states of these cells after so many impacts at most, all (k,): one that reaches no
-        attractor by then is UNRESOLVED, and judged no further. What orbits they find is known from then on.
+        """Status (k,) of other states of these cells after so many impacts at most, all (k,).
+
+        One that reaches no attractor by then is UNRESOLVED, and judged no further. What orbits they find is known from
+        then on.
         """
         others = begun(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
@@ -183,7 +188,7 @@ class Classifier(ABC):
         return np.asarray(self.samples.impacts.reshape(-1, self.count))
 
     def left_in(self, cells: NDArray[np.int64]) -> Sets:
-        """The samples of these cells that have not ended."""
+        """Return the samples of these cells that have not ended."""
         left = self.status[cells] == Outcome.UNRESOLVED
         row, column = np.nonzero(left)
         return Sets(cells[row] * self.count + column, left.sum(axis=1))
@@ -248,10 +253,12 @@ class Classifier(ABC):
         return decided
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
-        samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where all may
-        come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from others.
-        Where there are fewer samples than MANY, states near them are watched too: a small count is no reason for chaos.
+        """Return whether nothing leaves what is left in these cells, in as many impacts as the most watched has made.
+
+        Of all samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where
+        all may come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from
+        others. Where there are fewer samples than MANY, states near them are watched too: a small count is no reason
+        for chaos.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -277,8 +284,8 @@ class Classifier(ABC):
         return lasted
 
     def crowd_lasts(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
-        """Whether states beside what is left in these cells, those of so many of a crowd, go on too, each for as many
-        impacts as any sample: in chaos they soon have nothing in common.
+        """Return whether states beside what is left in these cells, those of so many of a crowd, go on too, each for as
+        many impacts as any sample: in chaos they soon have nothing in common.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -300,7 +307,9 @@ class Classifier(ABC):
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Whether samples of these cells that went on for so long, instead of so many periods, may be about to rest."""
+        """Return whether samples of these cells that went on for so long, instead of so many periods, may be about to
+        rest.
+        """
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
@@ -329,9 +338,10 @@ class Classifier(ABC):
         return seen, chaotic
 
     def declare_chaos(self, cells: NDArray[np.int64], witnesses: Sets, seen: Seen) -> NDArray[np.bool_]:
-        """All that is left in each of these cells is on the chaotic attractor of its witnesses. If these seem to be on
-        several, they are measured for longer, and at last all that is left. False where some of those then end
-        elsewhere.
+        """Return all that is left in each of these cells is on the chaotic attractor of its witnesses.
+
+        If these seem to be on several, they are measured for longer, and at last all that is left. False where some of
+        those then end elsewhere.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -375,7 +385,7 @@ class Classifier(ABC):
         return declared
 
     def are_several(self, sets: Sets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Whether the footprints (k, GRID) of a cell's samples are in several groups, of every cell."""
+        """Return whether the footprints (k, GRID) of a cell's samples are in several groups, of every cell."""
         number = np.zeros(sets.which.size, np.int64)
         group_numbers(prints.copy(), sets.size, number)
         return ~sets.all_of(number == 0)
@@ -391,7 +401,7 @@ class Classifier(ABC):
 
 
 def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The most impacts of a sample to the end of these stages, where damping is strong."""
+    """Return the most impacts of a sample to the end of these stages, where damping is strong."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -30,8 +30,9 @@ class BasinEntropy(NamedTuple):
 
 
 class Uncertainty(NamedTuple):
-    """The exponent α of the share of uncertain pairs f ∝ size^α, with its 95 % half-width; NaN where fewer than three
-    sizes have uncertain pairs enough to tell.
+    """The exponent α of the share of uncertain pairs f ∝ size^α, with its 95 % half-width.
+
+    NaN where fewer than three sizes have uncertain pairs enough to tell.
 
     sizes (k,): distances between the states of a pair, in units of the whole plane (1 in τ, v_max in v). fractions,
     low, high (k,): share of uncertain pairs with its 95 % Wilson interval. pairs (k,): pairs with both fates decided.
@@ -47,10 +48,15 @@ class Uncertainty(NamedTuple):
 
 
 def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
-    """The cells (n, n) that two results of the same grid give to different attractors.
+    """Return the cells (n, n) that two results of the same grid give to different attractors.
 
     Attractors of the two are the same if kind and P(m, n₊, n₋) agree; where several could be, they are paired so that
-    fewest cells differ. Raises ParameterError on different grids.
+    fewest cells differ.
+
+    Raises
+    ------
+    ParameterError
+        On different grids.
     """
     same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
     require(same_grid, f"the grids differ: {a.labels.shape} to v = {a.v[-1]:g}, {b.labels.shape} to v = {b.v[-1]:g}")
@@ -67,14 +73,19 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
 
 
 def disagreement(a: Basins, b: Basins) -> float:
-    """The share of cells that two results of the same grid give to different attractors; see `differing`."""
+    """Return the share of cells that two results of the same grid give to different attractors; see `differing`."""
     return float(differing(a, b).mean())
 
 
 def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     """Basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
 
-    What does not fill a box at the upper ends of τ and v is left out. Raises ParameterError if no box fits.
+    What does not fill a box at the upper ends of τ and v is left out.
+
+    Raises
+    ------
+    ParameterError
+        If no box fits.
     """
     n = basins.labels.shape[0]
     box = require_integer("box", box, 1, min(n, LONGEST_BOX))
@@ -110,7 +121,7 @@ def _pairs(
 def power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
-    """α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms with binomial weights.
+    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms with binomial weights.
 
     Where the points scatter by more than counting explains, the error grows by that.
     """

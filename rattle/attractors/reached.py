@@ -22,8 +22,10 @@ from rattle.parameters import Parameters
 
 @dataclass(frozen=True)
 class Reached:
-    """Where states went. attractors: by falling share of the states. which: index into them, of the shape of the
-    states. impacts: on Σ⁺ until the end of each was certain, −1 of chaotic and undecided ones.
+    """Where states went. attractors.
+
+    By falling share of the states. which: index into them, of the shape of the states. impacts: on Σ⁺ until the end of
+    each was certain, −1 of chaotic and undecided ones.
     """
 
     attractors: tuple[Attractor, ...]
@@ -76,18 +78,23 @@ class Sampled:
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
     ) -> tuple[Attractor, ...]:
-        """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
+        """Return the attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
         fraction; then stable orbits that are known to exist and that no sample found, with fraction 0 and the upper
         bound of its interval.
 
         Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
         approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 100 relaxation times 1/δ,
         and a first exponent above zero by its own error bar. Else undecided, as is what is left when a sample has made
-        budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
-        None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.
-        Deterministic in all arguments. Of the stiff gear quiet is a contact that never ends, labels P(m, n₊, n₋) count
-        contacts, and above a stiffness of 1e8 or so a motion that becomes quiet may be left undecided: it needs some
-        10,000 returns. Raises ParameterError. What a label means, with its error: docs/decisions/0026-labels.md.
+        budget impacts on Σ⁺: small damping needs some 1000/δ. Deterministic in all arguments. Of the stiff gear quiet
+        is a contact that never ends, labels P(m, n₊, n₋) count contacts, and above a stiffness of 1e8 or so a motion
+        that becomes quiet may be left undecided: it needs some 10,000 returns. Raises ParameterError. What a label
+        means, with its error: docs/decisions/0026-labels.md.
+
+        Parameters
+        ----------
+        v_max : SpeedLimit
+            A number, "natural" for 1.5 √(16πδβ) + 2πε, or None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε
+            to 0.5, β from 0.2 to 1.2) and natural elsewhere.
         """
         table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return listed(table, table.samples)
@@ -108,22 +115,38 @@ class Sampled:
         (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
         until it returns or settles. "refined": cells, then directly every eighth cell along τ and v and wherever basins
         meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
-        "refined" one of eight cells across (docs/decisions/0009-basins.md). v_max: a number, "natural" for 1.5 √(16πδβ)
-        + 2πε, or None, which is 7 in the paper's plane and natural elsewhere. Raises ParameterError.
+        "refined" one of eight cells across (docs/decisions/0009-basins.md).
+
+        Parameters
+        ----------
+        v_max : SpeedLimit
+            A number, "natural" for 1.5 √(16πδβ) + 2πε, or None, which is 7 in the paper's plane and natural elsewhere.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         resolution = self._resolution if resolution is None else resolution
         return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """The attractors that states go to, told apart as `attractors` tells those of its sample; tau and v broadcast.
+        """Return the attractors that states go to, told apart as `attractors` tells those of its sample.
+
+        Tau and v broadcast.
 
         attractors: by falling share of these states; which: index into them, of the broadcast shape; impacts: until it
-        was certain. `rattle.sampled_states` makes states of a box or a density. Raises ParameterError.
+        was certain. `rattle.sampled_states` makes states of a box or a density.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         return reached(self.states, tau, v)
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
-        """The uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
+        """Return the uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
 
         From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³,
         by default 8192, of the stiff gear 2048. v_max as in `basins`. Deterministic in all arguments. Raises

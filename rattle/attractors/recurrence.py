@@ -28,7 +28,7 @@ def unit_at(point):
 
 @kernel
 def approaches(tau, v, star_tau, star_v, k, most, point):
-    """True if the trajectory is seen to approach the orbit."""
+    """Return whether the trajectory is seen to approach the orbit."""
     unit = unit_at(point)
     start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVED:
@@ -61,7 +61,7 @@ def first_return(tau, v, gap, point):
 
 @kernel
 def stable_orbit(tau, v, gap, most, point):
-    """The stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
+    """Return the stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
 
     (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
     """
@@ -84,8 +84,9 @@ def stable_orbit(tau, v, gap, most, point):
 
 @kernel
 def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
-    """The index of this orbit among those of the cell, −1 if it is new. A near tie for the fastest point may be broken
-    either way, so all points are compared.
+    """Return the index of this orbit among those of the cell, −1 if it is new.
+
+    A near tie for the fastest point may be broken either way, so all points are compared.
     """
     near = SAME_POINT * unit_at(point)
     for j in range(orbits.n[cell]):

@@ -13,9 +13,10 @@ Counts = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """Rows (n,), cell by cell, in each by kind and number: its cell, kind, number among those of its cell and kind, the
-    first of its samples (the last of all, if it has none), how many there are, the impacts of all and the least time of
-    one.
+    """Rows (n,), cell by cell, in each by kind and number.
+
+    Its cell, kind, number among those of its cell and kind, the first of its samples (the last of all, if it has none),
+    how many there are, the impacts of all and the least time of one.
     """
 
     cell: Any
@@ -80,9 +81,9 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
 
 
 def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
-    """The `Rows` of samples, as many in each cell, cell by cell, with their kind, the number of their attractor among
-    those of its cell and kind, impacts and time; every cell also has a row for each of so many known orbits. row is
-    filled with that of every sample.
+    """Return the `Rows` of samples, as many in each cell, cell by cell, with their kind, the number of their attractor
+    among those of its cell and kind, impacts and time; every cell also has a row for each of so many known orbits. row
+    is filled with that of every sample.
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)

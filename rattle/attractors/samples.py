@@ -71,15 +71,15 @@ class Sets(NamedTuple):
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def each(self) -> list[NDArray[np.int64]]:
-        """The samples of each cell."""
+        """Return the samples of each cell."""
         return np.split(self.which, self.starts[1:]) if self.size.size else []
 
     def only(self, chosen: NDArray[np.bool_]) -> Sets:
-        """Those of the chosen cells, chosen (n,)."""
+        """Return those of the chosen cells, chosen (n,)."""
         return Sets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
 
     def evenly(self, most: int) -> Sets:
-        """At most so many samples of each cell, evenly among them."""
+        """Return at most so many samples of each cell, evenly among them."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         first, among, of = (np.repeat(x, size) for x in (self.starts, self.size, size))
@@ -91,11 +91,11 @@ class Sets(NamedTuple):
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
     def largest(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The largest of these values of samples in each cell, none of which is without."""
+        """Return the largest of these values of samples in each cell, none of which is without."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
     def smallest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The smallest, likewise."""
+        """Return the smallest, likewise."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
@@ -115,8 +115,9 @@ class Orbits(StructOfArrays):
 
 @dataclass(frozen=True, eq=False)
 class Balls(StructOfArrays):
-    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used: captured where
-    c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
+    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used.
+
+    Captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
     """
 
     n: Any
@@ -157,7 +158,7 @@ def doubled(table: Known) -> Known:
 
 @inline
 def capturing_orbit(tau, v, cell, balls):
-    """The orbit whose ball holds the state, −1 if none."""
+    """Return the orbit whose ball holds the state, −1 if none."""
     for p in range(balls.n[cell]):
         x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
@@ -167,7 +168,7 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """The largest speed of a footprint: beyond are few, if any."""
+    """Return the largest speed of a footprint: beyond are few, if any."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 

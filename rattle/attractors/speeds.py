@@ -73,14 +73,21 @@ class SampleSpec:
 
 
 def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Whether parameters are in the paper's plane or about it, where its figures' speeds fit all motions."""
+    """Return whether parameters are in the paper's plane or about it, where its figures' speeds fit all motions."""
     inside = [(low <= x) & (x <= high) for x, (low, high) in zip((delta, epsilon, beta), PLANE, strict=True)]
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
 
 
 def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
-    """The largest speed of a sample in each of these cells (n,): a number for all, "natural" for 1.5 √(16πδβ) + 2πε of
-    each, None for 7 in the paper's plane and the natural one elsewhere. Raises ParameterError.
+    """Return the largest speed of a sample in each of these cells (n,).
+
+    A number for all, "natural" for 1.5 √(16πδβ) + 2πε of each, None for 7 in the paper's plane and the natural one
+    elsewhere.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     if v_max is None:
         inside = in_paper_plane(delta, epsilon, beta)
@@ -102,5 +109,5 @@ def read_speed(text: str | None) -> SpeedLimit:
 
 
 def sampled_speed(v_max: SpeedLimit, delta: float, epsilon: float, beta: float) -> float:
-    """The same of one gear."""
+    """Return the same of one gear."""
     return float(sampled_speeds(v_max, *(np.array([x]) for x in (delta, epsilon, beta)))[0])

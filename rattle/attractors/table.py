@@ -54,7 +54,7 @@ class Attractor:
 
 
 def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
-    """The table of attractors, a row each."""
+    """Return the table of attractors, a row each."""
     return {
         "kind": [each.kind for each in attractors],
         "m": [each.m for each in attractors],
@@ -140,7 +140,7 @@ class AttractorTable(StructOfArrays):
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
+        """Return a row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
 
@@ -164,8 +164,9 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
-    """One row for every attractor of every cell, and the row of every sample; missed: stable orbits that are known and
-    that no sample went to have rows too.
+    """Return one row for every attractor of every cell, and the row of every sample.
+
+    Missed: stable orbits that are known and that no sample went to have rows too.
     """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits
@@ -222,7 +223,9 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
 
 
 def listed(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """The rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the table's."""
+    """Return the rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the
+    table's.
+    """
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)
     return AttractorTuple(

@@ -77,9 +77,15 @@ def compare(
 ) -> Comparison:
     """Measured impacts beside the attractors that `count` samples of this gear find.
 
-    offset: the time of phase 0, at which the transmission error closes the gap at Σ⁺ most, in forcing periods; None: as
-    fits best. tolerance: of the times between repeated impacts, over the mean time between impacts. Raises
-    ParameterError, and RattleError where an attractor cannot be followed.
+    Raises ParameterError, and RattleError where an attractor cannot be followed.
+
+    Parameters
+    ----------
+    offset : float | None
+        The time of phase 0, at which the transmission error closes the gap at Σ⁺ most, in forcing periods; None: as
+        fits best.
+    tolerance : float
+        Of the times between repeated impacts, over the mean time between impacts.
     """
     bins = require_integer("bins", bins, 1, MOST_BINS)
     tolerance = require_number("tolerance", tolerance, positive=True)

@@ -22,8 +22,10 @@ Array = NDArray[np.float64]
 
 
 class Measured(NamedTuple):
-    """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions; speeds of arrival of the
-    model, and walls, +1 where the driving side of the teeth meets, or −1, None where these were not measured.
+    """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions.
+
+    Speeds of arrival of the model, and walls, +1 where the driving side of the teeth meets, or −1, None where these
+    were not measured.
     """
 
     time: Array
@@ -44,7 +46,10 @@ class Measured(NamedTuple):
 def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> Measured:
     """Impacts (n,) at rising times in forcing periods, with speeds ≥ 0 of the model and walls ±1 where these are known.
 
-    Raises ParameterError.
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
@@ -70,9 +75,18 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
 def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> Measured:
     """Impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
 
-    time_unit, speed_unit: what a forcing period and a unit of speed of the model are in the table's units:
-    `units.time` and `units.velocity` of a `Machine` for seconds and m/s. Raises ParameterError, and RattleError if the
-    file cannot be read.
+    Parameters
+    ----------
+    time_unit, speed_unit : float
+        What a forcing period and a unit of speed of the model are in the table's units: `units.time` and
+        `units.velocity` of a `Machine` for seconds and m/s.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the file cannot be read.
     """
     found = read_columns(path, COLUMNS, needed="time")
     speed = found["speed"] / speed_unit if "speed" in found else None
@@ -82,8 +96,13 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
     """(m, n₊, n₋) of impacts that repeat themselves; None if they do not.
 
-    tolerance: root mean square of how much earlier or later they are after m whole periods, over the mean time between
-    impacts. The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+    The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+
+    Parameters
+    ----------
+    tolerance : float
+        Root mean square of how much earlier or later they are after m whole periods, over the mean time between
+        impacts.
     """
     allowed = tolerance * float(time[-1] - time[0]) / (time.size - 1)
     found = []

@@ -44,9 +44,10 @@ Walls = NDArray[np.int64]
 
 
 class Fit(NamedTuple):
-    """wall (n,) of each impact, 0 of one that is none of the motion; offset: the time of phase 0, in [0, 1); misfit:
-    mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, 0 for motions of the gear, with 1/2 for each false impact; unit:
-    of what speeds are off by.
+    """wall (n,) of each impact, 0 of one that is none of the motion.
+
+    Offset: the time of phase 0, in [0, 1); misfit: mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, 0 for motions of
+    the gear, with 1/2 for each false impact; unit: of what speeds are off by.
     """
 
     wall: Walls
@@ -75,8 +76,9 @@ class Fitting(NamedTuple):
 
 
 def fits(fitting: Fitting) -> list[Fit]:
-    """The walls, and phases 0, with which impacts fit a gear best, the best first: the same times may be those of
-    several motions, such as A and C.
+    """Return the walls, and phases 0, with which impacts fit a gear best, the best first.
+
+    The same times may be those of several motions, such as A and C.
     """
     few = fitting.listened
     rough = []
@@ -133,7 +135,7 @@ def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
 
 
 def fit(fitting: Fitting, offset: float) -> Fit:
-    """The walls with which impacts fit a gear best if phase 0 is at this time."""
+    """Return the walls with which impacts fit a gear best if phase 0 is at this time."""
     wall = _followed(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))

@@ -30,8 +30,9 @@ SMALL_DAMPING = 0.25  # below it δ and ε are solved for relative to it, above 
 
 
 def plane_scale(delta: float) -> float:
-    """What differences of δ and ε near this damping are measured by: where it is small motions change with their ratios
-    to it.
+    """What differences of δ and ε near this damping are measured by.
+
+    Where it is small motions change with their ratios to it.
     """
     return min(max(abs(float(delta)) / SMALL_DAMPING, 1e-300), 1.0)
 
@@ -49,7 +50,7 @@ class Problem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """The scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
+    """Return the scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
 
@@ -62,7 +63,7 @@ def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
 
 
 def with_row(jacobian: Array, row: Array) -> Array:
-    """The Jacobian (N, N + 1) and a row after it."""
+    """Return the Jacobian (N, N + 1) and a row after it."""
     matrix = np.empty((row.size, row.size))
     matrix[:-1], matrix[-1] = jacobian, row
     return matrix
@@ -70,8 +71,10 @@ def with_row(jacobian: Array, row: Array) -> Array:
 
 @dataclass(frozen=True)
 class Path:
-    """Points (k, N + 1) and unit tangents of a followed curve; `outside` is the first point that was not inside, None
-    where the curve could not be followed on (or was long enough). closed: it came back to its start, the last point.
+    """Points (k, N + 1) and unit tangents of a followed curve.
+
+    `outside` is the first point that was not inside, None where the curve could not be followed on (or was long
+    enough). closed: it came back to its start, the last point.
     """
 
     points: Array
@@ -81,8 +84,9 @@ class Path:
 
 
 class Course(NamedTuple):
-    """Points (k, N + 1) and unit tangents of a curve that was followed both ways from point number `start`; paths: back
-    and on, None if the curve closes.
+    """Points (k, N + 1) and unit tangents of a curve that was followed both ways from point number `start`.
+
+    Paths: back and on, None if the curve closes.
     """
 
     points: Array
@@ -117,7 +121,10 @@ def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] |
 
 
 def _diverges(i: int, size: Any, last: Any) -> Any:
-    """Whether correction number i, of this size after one of the last, is given up; of one solution or of several."""
+    """Return whether correction number i, of this size after one of the last, is given up.
+
+    Of one solution or of several.
+    """
     return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
 
 
@@ -127,7 +134,10 @@ def _has_converged(size: Any, last: Any) -> Any:
 
 
 def with_values(problem: Problem, guesses: Array, index: int) -> Array:
-    """The solutions near guesses (k, N + 1) that have their unknown number `index`, all at once; NaN where is none."""
+    """Return the solutions near guesses (k, N + 1) that have their unknown number `index`, all at once.
+
+    NaN where is none.
+    """
     x, found = guesses.copy(), np.full(guesses.shape, np.nan)
     fixed = np.zeros(x.shape[-1])
     fixed[index] = 1.0
@@ -162,7 +172,7 @@ def _solved_each(matrix: Array, right: Array) -> Array:
 
 
 def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | None:
-    """The solution near x whose unknown number `index` has this value, or None."""
+    """Return the solution near x whose unknown number `index` has this value, or None."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
     found = newton(problem, guess, fixed)
@@ -170,13 +180,14 @@ def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | 
 
 
 def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
-    """The unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
+    """Return the unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
     return oriented_tangent(problem, x, direction)[0]
 
 
 def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Array, float]:
-    """The tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent: it is one and the same all
-    along a curve, and the other on a neighbour that nearly crosses it.
+    """Return the tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent.
+
+    It is one and the same all along a curve, and the other on a neighbour that nearly crosses it.
     """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
@@ -191,7 +202,7 @@ def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Arra
 
 
 def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:
-    """The solution above this share of the chord from a to b."""
+    """Return the solution above this share of the chord from a to b."""
     found = newton(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
@@ -205,14 +216,14 @@ class Bound:
     high: float
 
     def crossed(self, x: Array) -> float | None:
-        """The limit that x is beyond."""
+        """Return the limit that x is beyond."""
         value = x[self.index]
         return self.low if value < self.low else self.high if value > self.high else None
 
 
 def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[Array], bool]) -> tuple[Array, Array]:
-    """The last solution between a (admissible) and b (which is not) that is admissible, and the first that is not, by
-    bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
+    """Return the last solution between a (admissible) and b (which is not) that is admissible, and the first that is not,
+    by bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
     as b may be a solution of another branch, and are shorter.
     """
     inside, outside, share = a, b, 0.5
@@ -234,7 +245,7 @@ def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[A
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """The longest step along a unit tangent: this one, and so many points over the span of the last unknown."""
+    """Return the longest step along a unit tangent: this one, and so many points over the span of the last unknown."""
     step = (span[1] - span[0]) / resolution
     return lambda tangent: min(longest, step / max(abs(float(tangent[-1])), LEAST_RATE))
 
@@ -252,13 +263,14 @@ class Follower:
     twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def inside(self, x: Array) -> bool:
-        """Whether x is a point of the curve that is asked for."""
+        """Return whether x is a point of the curve that is asked for."""
         return all(bound.crossed(x) is None for bound in self.bounds) and self.is_admissible(x)
 
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
-        """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more: the last
-        point is that edge, to rounding; or until it closes. The first step is at most `first`, if given: curves cross
-        at the start.
+        """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more.
+
+        The last point is that edge, to rounding; or until it closes. The first step is at most `first`, if given:
+        curves cross at the start.
         """
         points, tangents = [start], [tangent]
         sign = oriented_tangent(self.problem, start, tangent)[1] if first == np.inf else None
@@ -332,7 +344,7 @@ class Follower:
 def root_between(
     problem: Problem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
-    """The solution between a and b at which a test function that changes sign there vanishes, to this share of the
+    """Return the solution between a and b at which a test function that changes sign there vanishes, to this share of the
     way; or None.
     """
 

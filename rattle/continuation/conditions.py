@@ -25,14 +25,14 @@ MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
 def scale_at(x: Array) -> Array:
-    """The scale of unknowns (N,) of which δ and ε are the last."""
+    """Return the scale of unknowns (N,) of which δ and ε are the last."""
     scale = np.ones(x.size)
     scale[-2:] = plane_scale(x[-2])
     return scale
 
 
 def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Problem:
-    """The equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters: times, δ and ε unknown.
+    """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters: times, δ and ε unknown.
 
     SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity 0.
     """

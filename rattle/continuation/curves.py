@@ -1,5 +1,6 @@
-"""A bifurcation curve in the (δ, ε) plane: its points in order, its pieces, and where and why each of them ends; how it
-is followed through a window of the plane, both ways from a solution.
+"""A bifurcation curve in the (δ, ε) plane: its points in order, its pieces, and where and why each of them ends.
+
+How it is followed through a window of the plane, both ways from a solution.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -105,9 +106,16 @@ class Curve(Tabular):
         }
 
     def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
-        """Every ε of the curve at this damping, or every δ at this eccentricity: rising, each solved for to rounding.
+        """Return every ε of the curve at this damping, or every δ at this eccentricity.
 
-        Empty where it has none. Raises ParameterError unless one of the two is given.
+        Rising, each solved for to rounding.
+
+        Empty where it has none.
+
+        Raises
+        ------
+        ParameterError
+            Unless one of the two is given.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
         require(len(given) == 1, "give delta or epsilon, not both")
@@ -118,7 +126,7 @@ class Curve(Tabular):
 
 
 def crossings(problem: Problem, points: Array, index: int, value: float) -> list[Array]:
-    """The solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
+    """Return the solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
     found: list[Array] = []
     for guess in _between(points, index, value):
         x = with_value(problem, guess, index, value)
@@ -144,7 +152,7 @@ def _between(points: Array, index: int, value: float) -> Array:
 def build(
     name: str, beta: float, problem: Problem, pieces: Sequence[Piece], described: Sequence[Sequence[Described]]
 ) -> Curve:
-    """A curve of followed pieces, with what is known of the motion at each point."""
+    """Return a curve of followed pieces, with what is known of the motion at each point."""
     motions = [motion for piece in described for motion in piece]
     sizes = [len(piece.points) for piece in pieces]
     starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
@@ -201,7 +209,7 @@ class Window:
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
     def step(self, tangent: Array) -> float:
-        """The longest step along a unit tangent."""
+        """Return the longest step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
         return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
@@ -210,10 +218,16 @@ class Window:
 def pieces(
     problem: Problem, starts: Iterable[Array], window: Window, left: Test, times: int | None = None
 ) -> list[Piece]:
-    """The pieces inside the window through solutions near the starts; a start on a piece already followed adds none.
+    """Return the pieces inside the window through solutions near the starts.
 
-    left: why a solution in the window is not on the curve (its motion does not happen), None if it is. times: how many
-    unknowns are times, by default all but δ and ε.
+    A start on a piece already followed adds none.
+
+    Parameters
+    ----------
+    left : Test
+        Why a solution in the window is not on the curve (its motion does not happen), None if it is.
+    times : int | None
+        How many unknowns are times, by default all but δ and ε.
     """
     found: list[Piece] = []
     twins = partial(_periods_later, times)
@@ -298,7 +312,7 @@ def traced(
     named: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
-    """The curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
+    """Return the curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
     found = [
         Piece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
         for piece in pieces(problem, starts, window, left, times)
@@ -318,7 +332,7 @@ def window_range(name: str, value: tuple[float, float], positive: bool = False) 
 
 
 def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], window: Window) -> Curve:
-    """The quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
+    """Return the quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
     nothing = np.full(2, complex(np.nan, np.nan))
     return traced(
         QUIET_LIMIT,

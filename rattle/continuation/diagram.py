@@ -1,5 +1,6 @@
-"""One-parameter bifurcation diagrams along any segment of parameters, of either model: branches, their events, and the
-attractors that sweeps forward and backward see (paper, Figures 5 and 9).
+"""One-parameter bifurcation diagrams along any segment of parameters, of either model.
+
+Branches, their events, and the attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 
     branches = A to D, and what they lead to at flips and grazes
     table = the attractors of a sample at every step
@@ -73,7 +74,7 @@ class HasEvents(HasParameters, Protocol):
         """What happens on it."""
 
     def curve_of(self, event: Any) -> str | None:
-        """The name of the curve of the plane that one of them is on."""
+        """Return the name of the curve of the plane that one of them is on."""
 
 
 AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
@@ -135,20 +136,31 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     def plot(self) -> Figure:
         """Draw speed and phase of the impacts on Σ⁺ against the parameter, as the paper's Figures 5 and 9.
 
-        Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
+        Returns a matplotlib figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
         """
         return figure_of(self, "diagram_figure")
 
     def to_xarray(self) -> Dataset:
-        """The impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps; a branch has
-        its own `to_xarray`. Raises MissingExtraError without xarray.
+        """Return the impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps.
+
+        A branch has its own `to_xarray`.
+
+        Raises
+        ------
+        MissingExtraError
+            Without xarray.
         """
         points = {name: ("impact", values) for name, values in self.points._asdict().items()}
         steps = {name: ("number", getattr(self, name)) for name in ("delta", "epsilon", "kappa")}
         return dataset_of(points, {**steps, "beta": self.beta}, {"kinds": list(KINDS)})
 
     def curve_of(self, event: AnyEvent) -> str | None:
-        """The name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""
+        """Return the name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""
         on = (branch for branch in self.branches if any(each is event for each in branch.events))
         return next((branch.curve_of(event) for branch in on), None)
 
@@ -170,7 +182,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
 def diagram_of(
     model: Motions, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
 ) -> Diagram[Any, Any]:
-    """The diagram of a model along its segment; the other arguments as those of `diagram`."""
+    """Return the diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment
     length = float(np.linalg.norm(segment.direction))
     least = LEAST_LENGTH * plane_scale(segment.start[0])
@@ -250,8 +262,9 @@ def _close(one: Known, other: Known, unit: float) -> bool:
 
 
 def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[Piece], bool]:
-    """The stable parts of branches that no sample found, and whether the sweeps missed one of their motions at a step;
-    they know it from here on.
+    """The stable parts of branches that no sample found, and whether the sweeps missed one of their motions at a step.
+
+    They know it from here on.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):

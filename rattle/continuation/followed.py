@@ -135,17 +135,24 @@ class Followed(ABC):
     def plot(self) -> Figure:
         """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
 
-        Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
+        Returns a matplotlib figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
         """
         return figure_of(self, "branch_figure")
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each point. Raises MissingExtraError without pandas."""
+        """Return a row for each point. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
-        """Dimensions point, multiplier and impact: parameters, multipliers, and the times and speeds with which the
-        motions leave the walls. Raises MissingExtraError without xarray.
+        """Dimensions point, multiplier and impact.
+
+        Parameters, multipliers, and the times and speeds with which the motions leave the walls. Raises
+        MissingExtraError without xarray.
         """
         each = {name: ("point", values) for name, values in self._columns().items() if "multiplier" not in name}
         return dataset_of(
@@ -170,7 +177,8 @@ class Followed(ABC):
 
 
 def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
-    """The flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch there."""
+    """Return the flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch there.
+    """
     n, impacts = itinerary.n, len(itinerary.walls)
     each = x[:n].reshape(-1, impacts)
     later = each.copy()

@@ -59,7 +59,7 @@ class Motions(ABC):
 
     @abstractmethod
     def steps(self, position: Array) -> Parameters:
-        """The steps at these positions (n,)."""
+        """Return the steps at these positions (n,)."""
 
     def sampled(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
         """Return the attractors that a sample finds, cell i at step i."""
@@ -79,31 +79,31 @@ class Motions(ABC):
 
     @abstractmethod
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """The periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
+        """Return the periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
 
     @abstractmethod
     def problem(self, itinerary: Any) -> Problem:
-        """The equations of motions with an itinerary; y = (unknowns (n,), position)."""
+        """Return the equations of motions with an itinerary; y = (unknowns (n,), position)."""
 
     @abstractmethod
     def solved(self, itinerary: Any, y: Array) -> Periodic | None:
-        """The motion at this position whose unknowns are near those of y."""
+        """Return the motion at this position whose unknowns are near those of y."""
 
     @abstractmethod
     def through(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """The branch through a motion, over these positions less its own."""
+        """Return the branch through a motion, over these positions less its own."""
 
     @abstractmethod
     def doubled(self, event: Any, span: tuple[float, float]) -> Any:
-        """The branch of motions of twice the period from a flip on, over these positions less its own."""
+        """Return the branch of motions of twice the period from a flip on, over these positions less its own."""
 
     @abstractmethod
     def events(self, found: Any) -> tuple[Any, ...]:
-        """All that happens on a branch."""
+        """Return all that happens on a branch."""
 
     @abstractmethod
     def beside(self, event: Any) -> Iterator[Motion]:
-        """The motions, of any itinerary, whose branches pass an event."""
+        """Return the motions, of any itinerary, whose branches pass an event."""
 
 
 def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -22,7 +22,7 @@ SAME_PLACE = 1e-8  # of a segment, of the scale of the plane
 
 
 def turned(motion: Motion, first: int) -> Motion:
-    """The same motion, begun at impact number `first`, whose time is then in [0, 1)."""
+    """Return the same motion, begun at impact number `first`, whose time is then in [0, 1)."""
     itinerary, x = motion
     x = begun_at(itinerary, x, first)
     x[: len(itinerary.walls)] -= np.floor(x[0])
@@ -30,7 +30,7 @@ def turned(motion: Motion, first: int) -> Motion:
 
 
 def same_motion(one: Motion, other: Motion) -> bool:
-    """Whether two solutions are one motion at one point, whichever impacts they begin at."""
+    """Return whether two solutions are one motion at one point, whichever impacts they begin at."""
     (a, x), (b, y) = one, other
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
@@ -72,11 +72,11 @@ class Search:
                 self._double(event)
 
     def index(self, motion: Motion) -> int | None:
-        """The number of the branch that a motion is on."""
+        """Return the number of the branch that a motion is on."""
         return next((i for i in range(len(self.branches)) if self._lies_on(i, motion)), None)
 
     def stable_orbit(self, i: int, position: float) -> Periodic | None:
-        """The stable motion of branch number i at a position."""
+        """Return the stable motion of branch number i at a position."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):

@@ -32,8 +32,9 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Known:
-    """An attractor at one step: kind (index of KINDS), label, a state on it; the directions in which it was followed,
-    and whether the sample of that step found it.
+    """An attractor at one step: kind (index of KINDS), label, a state on it.
+
+    The directions in which it was followed, and whether the sample of that step found it.
     """
 
     kind: int
@@ -75,9 +76,11 @@ class Points(NamedTuple):
 
 @dataclass
 class _Run:
-    """A motion that is followed in one direction: the step that it is to arrive at, from a state of the one before, or
-    where it begins, from an attractor there. trail: what it was on, by step; back: the trail that it goes back on.
-    stops_at_known: it stops where anything was before.
+    """A motion that is followed in one direction.
+
+    The step that it is to arrive at, from a state of the one before, or where it begins, from an attractor there.
+    trail: what it was on, by step; back: the trail that it goes back on. stops_at_known: it stops where anything was
+    before.
     """
 
     direction: int
@@ -183,7 +186,7 @@ class Sweeps:
             self._runs.remove(run)
 
     def points(self, position: Array, chaotic: int) -> Points:
-        """All impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
+        """Return all impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
         visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
         step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)

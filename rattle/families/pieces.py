@@ -43,10 +43,16 @@ class Piece:
 def entering(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """The orbits that enter the cells of a piece of a grid with so many columns: those of its attractors, and of those
-    beside it, are continued in it until nothing new is found.
+    """Return the orbits that enter the cells of a piece of a grid with so many columns.
 
-    Rows of one cell are side by side. tried: those inside have been continued before.
+    Those of its attractors, and of those beside it, are continued in it until nothing new is found.
+
+    Rows of one cell are side by side.
+
+    Parameters
+    ----------
+    tried : bool
+        Those inside have been continued before.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
@@ -54,8 +60,9 @@ def entering(
 
 
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Which attractors of a grid that has everything that enters it are one (rows,), as `components` has it; table: in
-    their order.
+    """Which attractors of a grid that has everything that enters it are one (rows,), as `components` has it.
+
+    Table: in their order.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

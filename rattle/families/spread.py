@@ -42,8 +42,9 @@ OF_ORBIT = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
 
 
 class Linked(NamedTuple):
-    """Stable orbits of the cells of a grid, (room,), the used ones first: cell, label, fastest point, both
-    ln|multiplier|/m, and the orbit of the same cell that was entered before it.
+    """Stable orbits of the cells of a grid, (room,), the used ones first.
+
+    Cell, label, fastest point, both ln|multiplier|/m, and the orbit of the same cell that was entered before it.
 
     last (n_cells,): of each cell, the orbit that was entered last. to (room, 4): the orbit that it becomes in each
     neighbour. NOWHERE: there is none.
@@ -64,7 +65,7 @@ class Linked(NamedTuple):
 
 @inline
 def alike(i, k, orbits):
-    """Whether two orbits have the same label."""
+    """Return whether two orbits have the same label."""
     return (
         orbits.n_plus[i] == orbits.n_plus[k] and orbits.n_minus[i] == orbits.n_minus[k] and orbits.m[i] == orbits.m[k]
     )
@@ -72,7 +73,8 @@ def alike(i, k, orbits):
 
 @kernel
 def at_point(tau, v, cell, k, near, orbits):
-    """The orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if it is that of none."""
+    """Return the orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if it is that of none.
+    """
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
@@ -84,7 +86,7 @@ def at_point(tau, v, cell, k, near, orbits):
 
 @kernel
 def labelled(tau, v, k, orbits, point):
-    """Whether the orbit through a point that Newton's method has found is stable and labelled as orbit k, with the
+    """Return whether the orbit through a point that Newton's method has found is stable and labelled as orbit k, with the
     logarithms of its multipliers.
     """
     n_plus = np.int64(orbits.n_plus[k])  # as others call `power_map`, which is then compiled once
@@ -97,7 +99,7 @@ def labelled(tau, v, k, orbits, point):
 
 @kernel
 def settled(tau, v, n_plus, point):
-    """The same point of an orbit once more, from nearby: so its bits seldom tell from where it was continued."""
+    """Return the same point of an orbit once more, from nearby: so its bits seldom tell from where it was continued."""
     unit = unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
@@ -166,8 +168,9 @@ def continued(k, cell, n, orbits, cells):
 
 @kernel
 def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
-    """Enter orbits (k,) as numbers n and following, but for those that their cells know; write to which (k,) the number
-    of each. Returns n again. There is room for all of them.
+    """Enter orbits (k,) as numbers n and following, but for those that their cells know.
+
+    Write to which (k,) the number of each. Returns n again. There is room for all of them.
     """
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
@@ -205,8 +208,9 @@ def spread(done, n, columns, inside, cells, orbits):
 
 @kernel
 def lead(one, other, steps, way, orbits, arrives):
-    """Write whether orbits one (k,) become the orbits other (k,) of cells beside theirs when followed in so many steps;
-    way: the parameters of these (k·steps,), as cells.
+    """Write whether orbits one (k,) become the orbits other (k,) of cells beside theirs when followed in so many steps.
+
+    Way: the parameters of these (k·steps,), as cells.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]

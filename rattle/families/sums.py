@@ -45,7 +45,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
-    """The sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
+    """Return the sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)
     component, cell, samples = component[of], table.cell[of], table.samples[of]
@@ -79,7 +79,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
 
 
 def added(parts: Iterable[Sums]) -> Sums:
-    """The sums of all cells from those of some, each cell in one of them."""
+    """Return the sums of all cells from those of some, each cell in one of them."""
     all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_
@@ -98,8 +98,10 @@ def added(parts: Iterable[Sums]) -> Sums:
 
 
 def numbers_of(sums: Sums) -> Integers:
-    """The family of each component, which indexes it, −1 too: by falling number of cells, where these are equal by
-    their first attractors. So nothing but the cells decides a number.
+    """Return the family of each component, which indexes it, −1 too.
+
+    By falling number of cells, where these are equal by their first attractors. So nothing but the cells decides a
+    number.
     """
     others = np.flatnonzero(sums.component != QUIET_FAMILY)
     order = others[np.lexsort((sums.place[others], sums.first[others], -sums.cells[others]))]

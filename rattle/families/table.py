@@ -57,7 +57,7 @@ class Families:
     table: FamilyTable
 
     def fractions(self, number: int) -> NDArray[np.float64]:
-        """The share of the samples that a family wins, (m, n); NaN where it is not."""
+        """Return the share of the samples that a family wins, (m, n); NaN where it is not."""
         rows, shape = self.family == number, (self.epsilon.size, self.delta.size)
         cell, samples = self.attractors.cell, self.attractors.samples
         n_cells = shape[0] * shape[1]

@@ -1,5 +1,6 @@
-"""The first impact of one flight (compiled): single precision finds and proves it, double precision lands on it; else a
-search of monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
+"""The first impact of one flight (compiled): single precision finds and proves it, double precision lands on it.
+
+Else a search of monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
 """
 
 import math
@@ -41,7 +42,7 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 
 @inline
 def last_step(s, f0, f1, lost, sin1, cos1, flight):
-    """The step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
+    """Return the step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
 
     The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
     F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
@@ -75,8 +76,10 @@ def stepped(u, f1, lost, sin1, cos1, flight):
 
 @kernel
 def proven_impact(wall, tau, flight, beta):
-    """The first impact by the stages that a block of lanes runs: (proved, next wall, s, F', 1 − e^(−δs), sin,
-    cos)."""
+    """Return the first impact by the stages that a block of lanes runs.
+
+    (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
+    """
     wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
     series = taylor(s, short)
@@ -103,7 +106,7 @@ def proven_impact(wall, tau, flight, beta):
 
 @kernel
 def root_in(lo, hi, guess, level, rising, flight):
-    """The crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
+    """Return the crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
 
     A step leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'; the last one leaves less than rounding.
     """
@@ -134,7 +137,7 @@ def root_in(lo, hi, guess, level, rising, flight):
 
 @kernel
 def extremum_in(lo, hi, guess, convex, flight):
-    """The zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9: F there is then exact to rounding."""
+    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9: F there is then exact to rounding."""
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
@@ -160,7 +163,7 @@ def extremum_in(lo, hi, guess, convex, flight):
 
 @kernel
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
-    """The crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
+    """Return the crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:
         return 0, s1
@@ -216,7 +219,7 @@ def searched_crossing(tau, flight, lower, upper):
 
 @kernel
 def safe_impact(wall, tau, flight, beta):
-    """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
+    """Return the search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
     status, target, s = searched_crossing(tau, flight, lower, upper)

@@ -17,19 +17,19 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected(w):
-    """The velocity after an impact, from that before."""
+    """Return the velocity after an impact, from that before."""
     return -w
 
 
 @inline
 def before_reflection(w):
-    """The velocity before an impact, from that after."""
+    """Return the velocity before an impact, from that after."""
     return -w
 
 
 @inline
 def reflected_change(change):
-    """A change of the velocity after an impact, from that of the velocity before: the derivative times it."""
+    """Return a change of the velocity after an impact, from that of the velocity before: the derivative times it."""
     return -change
 
 
@@ -53,13 +53,14 @@ def impulse_of(speed):
 
 @inline
 def determinant_of_impact(determinant):
-    """The size of the determinant of a flight and the impact at its end in (t, w²/2), from that of the flight."""
+    """Return the size of the determinant of a flight and the impact at its end in (t, w²/2), from that of the flight.
+    """
     return determinant
 
 
 @inline
 def log_determinant(delta, time, impacts):  # noqa: ARG001
-    """ln|det| in (t, w²/2) of a motion that takes this time and makes so many impacts."""
+    """Return ln|det| in (t, w²/2) of a motion that takes this time and makes so many impacts."""
     return -delta * time
 
 

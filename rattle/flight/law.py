@@ -46,21 +46,22 @@ class Flight(NamedTuple):
 
 @inline
 def folded(tau):
-    """The phase in [0, 1); a tiny negative one would round up to 1."""
+    """Return the phase in [0, 1); a tiny negative one would round up to 1."""
     fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
 
 @inline
 def wrapped(difference):
-    """A phase difference in [−1/2, 1/2]."""
+    """Return a phase difference in [−1/2, 1/2]."""
     return difference - np.rint(difference)
 
 
 @inline
 def natural_speed(delta, epsilon, beta):
-    """The speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700: √(16πδβ) is reached across the gap under the
-    drift, 2πε is the largest speed of the forcing.
+    """Return the speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700.
+
+    √(16πδβ) is reached across the gap under the drift, 2πε is the largest speed of the forcing.
     """
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
     return np.minimum(across + largest_slope(np.minimum(epsilon, FASTEST)), FASTEST)
@@ -111,13 +112,13 @@ evaluate32 = _law(np.float32, decay32, forcing.IN_SINGLE)
 
 @inline
 def departing(w, sin0, cos0, delta, epsilon, drift):
-    """The flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
+    """Return the flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
     return Flight(w, plus_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 
 @inline
 def leaving(tau, w, delta, epsilon, drift):
-    """The flight that leaves a wall at this phase with this velocity."""
+    """Return the flight that leaves a wall at this phase with this velocity."""
     sin0, cos0 = phase_at(tau)
     return departing(w, sin0, cos0, delta, epsilon, drift)
 

@@ -71,8 +71,9 @@ class Gear(Sampled, Rattling):
 
     @property
     def flip(self) -> float | None:
-        """ε at which C loses stability at this damping (PDC, not in the paper); None where it ends before, in grazing
-        G1, or does not exist (`rattle.flip`).
+        """ε at which C loses stability at this damping (PDC, not in the paper).
+
+        None where it ends before, in grazing G1, or does not exist (`rattle.flip`).
         """
         return _number_or_none(flip(self.delta, self.beta))
 
@@ -87,7 +88,8 @@ class Gear(Sampled, Rattling):
         return capture_speed(self.delta, self.epsilon, self.beta)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
-        """The first impact after leaving wall (+1: Φ = β, −1: Φ = −β) at this phase with this velocity (into the gap).
+        """Return the first impact after leaving wall (+1: Φ = β, −1: Φ = −β) at this phase with this velocity (into the
+        gap).
 
         Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises
         ParameterError if wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
@@ -103,9 +105,16 @@ class Gear(Sampled, Rattling):
         return FirstImpact(time, next_wall, w1)
 
     def impact(self, tau: float, v: float) -> Impact:
-        """The impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper 3.16).
+        """Return the impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper 3.16).
 
-        The tangent is infinite at a graze. Raises ParameterError, and RattleError if there is no next impact.
+        The tangent is infinite at a graze.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If there is no next impact.
         """
         v = require_number("v", v, positive=True)
         found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False)
@@ -114,8 +123,9 @@ class Gear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
-        """The (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between. Raises as
-        `impact`.
+        """Return the (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between.
+
+        Raises as `impact`.
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
@@ -125,10 +135,17 @@ class Gear(Sampled, Rattling):
         return Impact(tau0, v0, n_minus, tangent, time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """The first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase.
+        """Return the first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase.
 
         v is 0 if it comes to rest there before it departs. On a wall the velocity may be that before the impact, or
-        that after it. Raises ParameterError, and RattleError if there is no impact.
+        that after it.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If there is no impact.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(self.delta, self.epsilon, self.beta, _phase(phase), position, velocity)
@@ -136,7 +153,12 @@ class Gear(Sampled, Rattling):
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
 
-        A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
+        A trajectory that comes to rest keeps its last state and has n_plus < n.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta)
 
@@ -151,17 +173,17 @@ class Gear(Sampled, Rattling):
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
+        """Return the admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
         return orbits_at(self.delta, self.epsilon, self.beta)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
-        """The periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺, with its least
-        period; see `periodic_orbit`.
+        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺, with its
+        least period; see `periodic_orbit`.
         """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """A saddle among `orbits`, for its manifolds. Raises RattleError if it is none."""
+        """Return a saddle among `orbits`, for its manifolds. Raises RattleError if it is none."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
@@ -169,7 +191,7 @@ class Gear(Sampled, Rattling):
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
-        """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
+        """Return the least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
         limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, below δ = 0.3 in
@@ -193,9 +215,16 @@ class Gear(Sampled, Rattling):
         return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
-        """The grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring
-        points are no further apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's
-        plane, v counts in sevenths of the natural one (`basins`). Raises ParameterError.
+        """Return the grazing curve Γ.
+
+        All (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring points are no further
+        apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's plane, v counts in
+        sevenths of the natural one (`basins`).
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         return gamma(self.delta, self.epsilon, self.beta, spacing, self._speed(None) / PAPER_SPEED)
 

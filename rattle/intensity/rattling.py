@@ -29,7 +29,7 @@ class Rattling(ABC):
         return math.inf
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
-        """How hard a motion rattles: impacts, speeds and energy per forcing period.
+        """Return how hard a motion rattles: impacts, speeds and energy per forcing period.
 
         Periodic: over one period, to rounding. Chaotic: over a watch of so many forcing periods (by default 32,000, or
         320/δ if that is more) from its (τ, v) on, with error bars from 32 batches of it. Quiet: nothing. Raises
@@ -38,13 +38,13 @@ class Rattling(ABC):
         return intensity(motion, self._point, periods)
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
-        """The impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on, arrays (n,);
-        of a periodic one by default those of its period. None if it is quiet. Raises as `intensity`.
+        """Return the impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on, arrays
+        (n,); of a periodic one by default those of its period. None if it is quiet. Raises as `intensity`.
         """
         return impacts_of(motion, self._point, periods)
 
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
-        """The order spectrum of the contact force, from order 0 to the highest.
+        """Return the order spectrum of the contact force, from order 0 to the highest.
 
         Periodic or quiet: its lines, exact, that of order 0 being −4πδ: amplitude = (1/m) Σ ∓2v e^(−2πi order t) over
         the impacts at ±β. Chaotic: its density every 1/resolution, with its confidence, from 256 segments of

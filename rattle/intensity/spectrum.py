@@ -119,8 +119,9 @@ def _pressing(order: Array, delta: float, epsilon: float) -> NDArray[np.complex1
 
 
 def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
-    """Welch's estimate over half overlapping segments under Hann's window: the transform of the train itself, so that
-    nothing is sampled and no order is folded onto another.
+    """Welch's estimate over half overlapping segments under Hann's window.
+
+    The transform of the train itself, so that nothing is sampled and no order is folded onto another.
 
     Degrees of freedom: Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
     """

@@ -28,7 +28,8 @@ Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 
 
 class Intensities(NamedTuple):
-    """The quantities of `Intensity` of every attractor of a table, arrays (n,), and 95 % half-widths where it has them:
+    """The quantities of `Intensity` of every attractor of a table, arrays (n,), and 95 % half-widths where it has them.
+
     0 where exact, of chaos from 32 batches. NaN: undecided, or chaos that came to rest while it was watched.
     """
 
@@ -63,8 +64,9 @@ def once_around(cell, n_plus, tau, v, cells, sums):
 
 @kernel
 def followed(cell, tau, v, periods, cells, sums):
-    """Sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,); NaN of one that
-    comes to rest.
+    """Sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
+
+    NaN of one that comes to rest.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -74,15 +76,21 @@ def followed(cell, tau, v, periods, cells, sums):
 
 
 def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """The `Stretch` of a gear without lanes."""
+    """Return the `Stretch` of a gear without lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
     followed(cell, tau, v, STRETCH * longer, cells, sums)
     return sums
 
 
 def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
-    """How hard every attractor of a table rattles: exactly over a period, and of chaos over a stretch that costs a few
-    per cent of its classification. cells: as the kernels take them.
+    """Return how hard every attractor of a table rattles.
+
+    Exactly over a period, and of chaos over a stretch that costs a few per cent of its classification.
+
+    Parameters
+    ----------
+    cells : Any
+        As the kernels take them.
     """
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
     quiet = table.kind == Outcome.QUIET

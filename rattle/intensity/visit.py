@@ -31,8 +31,9 @@ class Impacts(NamedTuple):
 
 
 def bounce(wall, tau, w, point):
-    """From a departure with velocity w to the next one: (status, time of flight, wall, speed of arrival, duration of
-    the contact, impulse, speed of departure).
+    """From a departure with velocity w to the next one.
+
+    (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
     """
     raise NotImplementedError("for kernels only")
 

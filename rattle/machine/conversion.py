@@ -30,18 +30,18 @@ class Units(NamedTuple):
 
 
 def damping(inertia: Any, drag: Any, speed: Any) -> Any:
-    """δ = 2πc/(IΩ), of a speed in rad/s."""
+    """Return δ = 2πc/(IΩ), of a speed in rad/s."""
     with np.errstate(divide="ignore", over="ignore"):  # what turns so slowly has no finite damping
         return np.divide(TWO_PI * drag, inertia * speed)
 
 
 def over_radius(length: Any, radius: Any, drive: str) -> Any:
-    """ε of an eccentricity, along the line of action."""
+    """Return ε of an eccentricity, along the line of action."""
     return DRIVES[drive] * length / radius
 
 
 def half_backlash(backlash: Any, radius: Any, drive: str) -> Any:
-    """β."""
+    """Return β."""
     return DRIVES[drive] * backlash / (2.0 * radius)
 
 

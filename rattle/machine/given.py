@@ -25,8 +25,12 @@ IMPOSSIBLE = 1000.0
 
 
 def in_si(name: str, value: Any) -> float:
-    """A number in the unit of UNITS, from one or from a quantity of `pint`; raises ParameterError unless it is above 0,
-    or of the eccentricity at least 0.
+    """Return a number in the unit of UNITS, from one or from a quantity of `pint`.
+
+    Raises
+    ------
+    ParameterError
+        Unless it is above 0, or of the eccentricity at least 0.
     """
     if is_quantity(value):
         if name == "speed" and not any(angle in str(value.units) for angle in ANGLES):
@@ -39,7 +43,7 @@ def in_si(name: str, value: Any) -> float:
 
 
 def is_quantity(value: Any) -> bool:
-    """Whether this is a quantity of `pint`."""
+    """Return whether this is a quantity of `pint`."""
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 

@@ -119,8 +119,10 @@ class AnyGear(Protocol):
 
 
 class Functions(Protocol):
-    """What a gear's package has, for arrays of parameters: each function takes δ and ε, or a curve's name or a segment,
-    and by name β and what the gear has besides. `rattle.impacting` and `rattle.stiff` are such packages.
+    """What a gear's package has, for arrays of parameters.
+
+    Each function takes δ and ε, or a curve's name or a segment, and by name β and what the gear has besides.
+    `rattle.impacting` and `rattle.stiff` are such packages.
     """
 
     def period_one(self, *given: Any, **more: Any) -> PeriodOne: ...
@@ -247,8 +249,9 @@ class Model(ABC):
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
-        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones; of contacts
-        the impulses are those of the springs.
+        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones.
+
+        Of contacts the impulses are those of the springs.
         """
         return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
 

@@ -77,8 +77,9 @@ def toolchain() -> dict[str, str]:
 
 
 def _root() -> str:
-    """Return the directory that the environment names or the usual one; where that cannot be written, a directory for
-    temporary files of this user only.
+    """Return the directory that the environment names or the usual one.
+
+    Where that cannot be written, a directory for temporary files of this user only.
     """
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
@@ -103,8 +104,9 @@ def cache_directory() -> Path:
 
 @cache
 def can_be_kept() -> bool:
-    """Return whether the cache can be written; say so if not. Numba would take a directory beside the sources then,
-    where code can be stale.
+    """Return whether the cache can be written; say so if not.
+
+    Numba would take a directory beside the sources then, where code can be stale.
     """
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,10 @@ def _steps(n: int) -> NDArray[np.complex128]:
 
 
 def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
-    """A real-analytic function (…, N) → (…, M) at x (…, N): value (…, M) and Jacobian (…, M, N), exact to rounding."""
+    """Return a real-analytic function (…, N) → (…, M) at x (…, N).
+
+    Value (…, M) and Jacobian (…, M, N), exact to rounding.
+    """
     values = function(x[..., None, :] + _steps(x.shape[-1]))
     return values[..., 0, :].real, values.imag.swapaxes(-1, -2) / COMPLEX_STEP
 
@@ -37,8 +40,9 @@ def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
 
 
 def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
-    """A smooth function (…,) that vanishes with det of the matrix (…, n, n): the last unknown of the system that is
-    bordered by a column and a row (…, n), or one for several matrices.
+    """Return a smooth function (…,) that vanishes with det of the matrix (…, n, n).
+
+    The last unknown of the system that is bordered by a column and a row (…, n), or one for several matrices.
 
     Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
     of Dynamical Equilibria (SIAM 2000).

@@ -17,7 +17,7 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 @lru_cache(maxsize=8)
 def sobol(count: int) -> NDArray[np.float64]:
-    """The first points of the unscrambled Sobol sequence in the unit square, in Gray code's order.
+    """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code's order.
 
     Those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every process that computes. The
     direction numbers of its first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo 2008).
@@ -98,8 +98,9 @@ def initial_conditions(
 def wilson_interval(
     successes: ArrayLike, count: ArrayLike, z: float = Z_95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast); z:
-    another point of the normal distribution.
+    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast).
+
+    Z: another point of the normal distribution.
     """
     n, k = real_array("count", count), real_array("successes", successes)
     require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")

@@ -5,7 +5,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def narrowed(lo, f_lo, hi, f_hi, side, at, f):
-    """The bracket (lo, f_lo, hi, f_hi) of a sign change after a step to `at`, and the side (±1) that was replaced.
+    """Return the bracket (lo, f_lo, hi, f_hi) of a sign change after a step to `at`, and the side (±1) that was replaced.
 
     The value at an end that stays twice is halved, so that the next secant step moves it (the Illinois method: Dowell
     and Jarratt 1971).

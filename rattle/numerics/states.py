@@ -17,7 +17,7 @@ Density = Callable[[Array, Array], ArrayLike]
 
 
 def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
-    """A box of states: ranges of phase within [0, 1] and of speed from 0 on. Raises ParameterError."""
+    """Return a box of states: ranges of phase within [0, 1] and of speed from 0 on. Raises ParameterError."""
     phases, speeds = require_pair("tau", tau), require_pair("v", v)
     require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
     require(0.0 <= speeds[0] < speeds[1], f"v must be (low, high) with 0 <= low < high, got {speeds}")
@@ -29,8 +29,19 @@ def sampled_states(
 ) -> tuple[Array, Array]:
     """So many states (τ, v), two arrays (count,): a low-discrepancy sample of the box of these ranges (low, high).
 
-    density: of arrays τ and v, not negative, to any scale; without one the sample is uniform. It is taken to be even in
-    each of 512 × 512 cells of the box, with its value at the centre. seed: shifts the sample. Raises ParameterError.
+    It is taken to be even in each of 512 × 512 cells of the box, with its value at the centre.
+
+    Parameters
+    ----------
+    density : Density | None
+        Of arrays τ and v, not negative, to any scale; without one the sample is uniform.
+    seed : int
+        Shifts the sample.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     count = require_integer("count", count, 1, MOST_STATES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)

@@ -51,7 +51,7 @@ class Orbit(NamedTuple):
 
 
 def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
-    """The table of orbits, a row each."""
+    """Return the table of orbits, a row each."""
     return {
         "orbit": [each.name for each in orbits],
         "motion": [motion(each.m, each.n_plus, each.n_minus) for each in orbits],
@@ -88,7 +88,10 @@ SQUARED = 1e150  # of a trace beyond it the square is no number, and the determi
 
 
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
-    """Both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis; no cancellation."""
+    """Return both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis.
+
+    No cancellation.
+    """
     t, d = np.broadcast_arrays(np.asarray(trace, np.float64), np.asarray(determinant, np.float64))
     with np.errstate(over="ignore"):
         root = np.sqrt((t * t / 4 - d).astype(np.complex128))
@@ -119,7 +122,7 @@ def classify(orbits: PeriodOne) -> NDArray[np.int8]:
 
 
 def in_words(region: int) -> str:
-    """A region in a sentence: region III; or orbits A, B and D, no region of the paper."""
+    """Return a region in a sentence: region III; or orbits A, B and D, no region of the paper."""
     name = REGIONS[region]
     if name in PAPER_REGIONS:
         return f"region {name}"
@@ -139,7 +142,7 @@ class HasOrbits(Protocol):
         """Its code in REGIONS."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Those of period one that happen."""
+        """Return those of period one that happen."""
 
 
 def html_of_point(gear: HasOrbits) -> str:

@@ -56,27 +56,27 @@ class Equations(ABC):
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
-        """The itinerary of a motion of the same gear with other walls, and perhaps another period."""
+        """Return the itinerary of a motion of the same gear with other walls, and perhaps another period."""
         return replace(self, walls=walls, m=self.m if m is None else m)
 
     def begun_at(self, first: int) -> Self:
-        """The itinerary of the same motion, begun at impact number `first`."""
+        """Return the itinerary of the same motion, begun at impact number `first`."""
         return self.with_walls(self.walls[first:] + self.walls[:first])
 
     def without(self, impact: int) -> Self:
-        """The itinerary of the motion that just fails to make this impact."""
+        """Return the itinerary of the motion that just fails to make this impact."""
         return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
 
     def with_impact(self, impact: int, wall: int) -> Self:
-        """The itinerary with one impact more, which becomes number `impact`."""
+        """Return the itinerary with one impact more, which becomes number `impact`."""
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
     def doubled(self) -> Self:
-        """The itinerary twice over."""
+        """Return the itinerary twice over."""
         return self.with_walls(self.walls * 2, 2 * self.m)
 
     def divided(self, parts: int) -> Self:
-        """The itinerary of a motion that this one is `parts` times over."""
+        """Return the itinerary of a motion that this one is `parts` times over."""
         return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 
@@ -92,8 +92,10 @@ def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if the
-    walls are the same from there, and some forcing periods earlier or later, near x.
+    """Return all ways (…, N) to write the motion with unknowns start (N,), times first.
+
+    It may begin at another impact, if the walls are the same from there, and some forcing periods earlier or later,
+    near x.
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -145,7 +147,8 @@ class Periodic(ABC):
 
     @classmethod
     def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
-        """The motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map."""
+        """Return the motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map.
+        """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
         large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_of(trace, determinant)
@@ -212,8 +215,12 @@ class Periodic(ABC):
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each impact or contact: its wall, and when and how fast the motion leaves it. Raises
-        MissingExtraError without pandas.
+        """Return a row for each impact or contact: its wall, and when and how fast the motion leaves it.
+
+        Raises
+        ------
+        MissingExtraError
+            Without pandas.
         """
         return dataframe_of(self)
 

@@ -27,8 +27,10 @@ MOST_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class Local:
-    """W(s) for |s| ≤ size: powers (DEGREE + 1, 2) of s/size of (τ, v); multiplier λ of F, which is `steps` impacts on
-    Σ⁺, forwards or backwards, in `turns` forcing periods. residual: largest |F(W(s/λ)) − W(s)|.
+    """W(s) for |s| ≤ size: powers (DEGREE + 1, 2) of s/size of (τ, v).
+
+    Multiplier λ of F, which is `steps` impacts on Σ⁺, forwards or backwards, in `turns` forcing periods. residual:
+    largest |F(W(s/λ)) − W(s)|.
     """
 
     orbit: Periodic
@@ -79,10 +81,15 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
 
 
 def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
-    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size,
+    """Return the local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size,
     v counted in units of this speed.
 
-    Raises ParameterError if the orbit is no saddle, RattleError if it is too close to grazing.
+    Raises
+    ------
+    ParameterError
+        If the orbit is no saddle.
+    RattleError
+        If it is too close to grazing.
     """
     large, small = orbit.multipliers
     saddle = orbit.admissible and np.isfinite(large) and abs(large) > 1.0 > abs(small) > 0.0

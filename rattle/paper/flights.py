@@ -14,7 +14,7 @@ INSTANTS = 201
 
 
 def smallest(delta: float, epsilon: float, phase: float, velocity: float, time: float) -> float:
-    """The smallest Φ'' at INSTANTS of a flight that leaves either wall like this and lasts so long."""
+    """Return the smallest Φ'' at INSTANTS of a flight that leaves either wall like this and lasts so long."""
     s = np.linspace(0.0, time, INSTANTS)
     decaying = delta * (DRIFT - TWO_PI * epsilon * np.sin(TWO_PI * phase) - velocity)
     values = decaying * np.exp(-delta * s) - TWO_PI**2 * epsilon * np.cos(TWO_PI * (phase + s))
@@ -45,8 +45,9 @@ def step(delta: float, epsilon: float, tau: float, v: float) -> Impacts:
 
 
 class Worst(NamedTuple):
-    """Over all cells with an orbit: its smallest Φ'' and where, the share of the cells in which it is negative, and the
-    smallest ε of those.
+    """Over all cells with an orbit.
+
+    Its smallest Φ'' and where, the share of the cells in which it is negative, and the smallest ε of those.
     """
 
     name: str

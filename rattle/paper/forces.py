@@ -77,7 +77,7 @@ def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> 
 
 
 def impact_map() -> Finding:
-    """A fourth kind of flight, and a jump."""
+    """Return a fourth kind of flight, and a jump."""
     v, below, above = _jump(*JUMP)
     step = flights.step(*EXAMPLE)
     delta, epsilon = cells(300, 150)
@@ -119,7 +119,7 @@ def impact_map() -> Finding:
 
 
 def contact_force() -> Finding:
-    """g > 0 and (3.13)."""
+    """Return g > 0 and (3.13)."""
     delta = np.linspace(*WINDOW[0], 2001)
     top = WINDOW[1][1]
     beyond = float(np.clip(1 - rattle.quiet_limit(delta) / top, 0, 1).mean())
@@ -150,7 +150,7 @@ def contact_force() -> Finding:
 
 
 def factor_three() -> Finding:
-    """The change of speed in a small bounce, and how fast bouncing dies."""
+    """Return the change of speed in a small bounce, and how fast bouncing dies."""
     orders = formulas.orders()
     rate, periods = formulas.decay(0.02, 1_500_000)
     third, printed = (formulas.decay_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))

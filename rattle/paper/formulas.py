@@ -49,8 +49,9 @@ def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 
 class Orders(NamedTuple):
-    """Measured orders of what is left out: of Φ by (3.6), Φ' by (3.7) as h → 0; of the time by (3.8), and of the speed
-    by v + (f/g) v² and by v + (f/3g) v², as v → 0.
+    """Measured orders of what is left out: of Φ by (3.6), Φ' by (3.7) as h → 0.
+
+    Of the time by (3.8), and of the speed by v + (f/g) v² and by v + (f/3g) v², as v → 0.
     """
 
     displacement: float
@@ -61,7 +62,7 @@ class Orders(NamedTuple):
 
 
 def orders() -> Orders:
-    """At δ = 0.6, ε = 0.1: two steps h of one departure speed, two speeds of whole bounces."""
+    """Return at δ = 0.6, ε = 0.1: two steps h of one departure speed, two speeds of whole bounces."""
     expansions = np.array([_expansion_residuals(h) for h in STEPS])
     bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
@@ -108,7 +109,8 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
 
 
 def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
-    """The same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v²: over whole periods, from phase 0."""
+    """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v²: over whole periods, from phase 0.
+    """
     t, speed = 0.0, v
     while t < periods:
         phase = np.array(t)

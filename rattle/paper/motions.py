@@ -26,12 +26,12 @@ SEEN = 0.005  # a basin with less of the sample than this is not counted
 
 
 def exponent(attractors: tuple[Attractor, ...]) -> float:
-    """The first exponent of the chaotic attractor, NaN if there is none."""
+    """Return the first exponent of the chaotic attractor, NaN if there is none."""
     return next((a.lyapunov[0] for a in attractors if a.kind == "chaotic"), np.nan)
 
 
 def chaos_appears() -> Finding:
-    """The chaotic attractor of Figure 4(i)."""
+    """Return the chaotic attractor of Figure 4(i)."""
     birth = birth_of_chaos()
     early, before, above, after = (
         Gear(DELTA, e).attractors(count=4096) for e in (FAR_BELOW, JUST_BELOW, 0.0974, 0.098)

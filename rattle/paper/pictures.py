@@ -17,7 +17,7 @@ Panels = dict[float, tuple[Attractor, ...]]
 
 
 def panels() -> Panels:
-    """The attractors of every panel of Figure 4, from SAMPLES initial conditions in [0, 1) × (0, 7)."""
+    """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions in [0, 1) × (0, 7)."""
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 
 
@@ -29,12 +29,12 @@ def name(attractor: Attractor) -> str:
 
 
 def fractions(attractors: tuple[Attractor, ...]) -> str:
-    """All attractors with the share of the sample."""
+    """Return all attractors with the share of the sample."""
     return ", ".join(f"{name(a)} {a.fraction:.3f}" for a in attractors)
 
 
 def share(attractors: tuple[Attractor, ...], wanted: str) -> float:
-    """The share of the sample that goes to attractors of this name."""
+    """Return the share of the sample that goes to attractors of this name."""
     return sum(a.fraction for a in attractors if name(a) == wanted)
 
 

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
-    """δ and ε at the centres of cells of Figure 7's plane."""
+    """Return δ and ε at the centres of cells of Figure 7's plane."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
     epsilon = e0 + (e1 - e0) * (np.arange(rows) + 0.5) / rows
@@ -31,7 +31,7 @@ def cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
 
 
 def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ...]:
-    """The regions, and stability where it does not depend on the region."""
+    """Return the regions, and stability where it does not depend on the region."""
     covered = float((region > 0).mean())
     unstable = [int(orbits.stable[k].sum()) for k in (A, B)]
     inside = [int((region == k).sum()) for k in range(1, 6)]
@@ -131,7 +131,7 @@ def _multipliers(before: Array, between: Array, after: Array) -> tuple[Statement
 
 
 def figure_9(end: float) -> tuple[Statement, ...]:
-    """The chaotic attractor at δ = 0.762 from G1 to its end, followed through ε by 256 trajectories."""
+    """Return the chaotic attractor at δ = 0.762 from G1 to its end, followed through ε by 256 trajectories."""
     delta = 0.762
     start = float(rattle.grazing("G1", delta).epsilon)
     epsilon = start + (end - start) * (np.arange(40) + 0.5) / 40

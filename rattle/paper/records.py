@@ -121,7 +121,7 @@ class Report:
     first: int = 1
 
     def number_of(self, key: str) -> int:
-        """The number of the finding of this key."""
+        """Return the number of the finding of this key."""
         return [x.key for x in self.findings].index(key) + self.first
 
     @property

@@ -45,12 +45,12 @@ DIM = "0.25"  # edge of what is white
 
 
 def highest(gear: AnyGear) -> float:
-    """The largest speed of a picture of states: the paper's in its plane, the natural one elsewhere."""
+    """Return the largest speed of a picture of states: the paper's in its plane, the natural one elsewhere."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
 def folded(tau: Array, v: Array, v_max: float) -> Array:
-    """A line of the (τ, v) plane (k, 2) with its phases folded into [0, 1], NaN where it leaves a side, and without
+    """Return a line of the (τ, v) plane (k, 2) with its phases folded into [0, 1], NaN where it leaves a side, and without
     what is beyond v_max. It ends on the very side that it leaves.
     """
     turn = np.floor(tau)
@@ -146,8 +146,18 @@ def panels(
 ) -> Drawing:
     """Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
 
-    resolution: cells a side. tau, v: ranges (low, high), by default the plane of `Gear.basins`. added: what a model
-    adds, by name; by default it is the impacting model. Raises ParameterError.
+    Parameters
+    ----------
+    resolution : int
+        Cells a side.
+    tau, v : Range
+        Ranges (low, high), by default the plane of `Gear.basins`. added: what a model adds, by name; by default it is
+        the impacting model.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
     model = model_of(beta, **added)
@@ -185,7 +195,17 @@ def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
     """Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
 
-    What does not exist there is left out, which a note says. resolution: cells a side. Raises ParameterError.
+    What does not exist there is left out, which a note says.
+
+    Parameters
+    ----------
+    resolution : int
+        Cells a side.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     gear = Gear(delta, epsilon, beta)
     v_max = highest(gear)
@@ -237,7 +257,7 @@ def manifold_line(
     arclength: float = ARCLENGTH,
     spacing: float = SPACING,
 ) -> tuple[Array, str | None]:
-    """Both sides of the stable or unstable manifold of A or B, folded (k, 2), and why any of it is missing."""
+    """Return both sides of the stable or unstable manifold of A or B, folded (k, 2), and why any of it is missing."""
     if orbit is None:
         return np.empty((0, 2)), None  # what orbits are missing is said anyway
     if orbit.stable:

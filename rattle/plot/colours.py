@@ -86,9 +86,16 @@ def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
 
 
 def colour(motion: Motion) -> str:
-    """The colour (#rrggbb) of a type of motion: an `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+    """Return the colour (#rrggbb) of a type of motion.
 
-    It depends on the type alone. Raises ParameterError.
+    An `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+
+    It depends on the type alone.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     label = _label(motion)
     if isinstance(label, str):
@@ -97,8 +104,10 @@ def colour(motion: Motion) -> str:
 
 
 class Palette:
-    """Colours of the motions of one picture: each has its own, unless that looks like the one of a motion that came
-    before it, or of quiet, chaotic or undecided; then it has the spare one that is farthest from all of them.
+    """Colours of the motions of one picture.
+
+    Each has its own, unless that looks like the one of a motion that came before it, or of quiet, chaotic or undecided;
+    then it has the spare one that is farthest from all of them.
 
     alike: distance in CIELAB below which two are not told apart; types with a colour of their own keep it all the same.
     """
@@ -110,7 +119,7 @@ class Palette:
         self._times: Counter[str | Label] = Counter()
 
     def colour(self, motion: Motion) -> str:
-        """The colour (#rrggbb) of a type of motion here. Raises ParameterError."""
+        """Return the colour (#rrggbb) of a type of motion here. Raises ParameterError."""
         label = _label(motion)
         if label not in self._taken:
             own = colour(motion)
@@ -121,8 +130,14 @@ class Palette:
         return self._taken[label]
 
     def another(self, motion: Motion) -> str:
-        """The colour (#rrggbb) of one more motion of a type, of which there are several here: the first has that of the
-        type, each other one a spare one. Raises ParameterError.
+        """Return the colour (#rrggbb) of one more motion of a type, of which there are several here.
+
+        The first has that of the type, each other one a spare one.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         label = _label(motion)
         self._times[label] += 1

@@ -44,8 +44,9 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 
 
 class ImpactCurve(NamedTuple):
-    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between; of the part that follows each
-    of them: stable, admissible, name of the period-one orbit.
+    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between.
+
+    Of the part that follows each of them: stable, admissible, name of the period-one orbit.
     """
 
     x: Array
@@ -57,7 +58,7 @@ class ImpactCurve(NamedTuple):
 
 
 def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
-    """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
+    """Return the figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
 
     Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
     names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
@@ -96,7 +97,8 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
 
 
 def branch_figure(branch: Any) -> Figure:
-    """The figure of one branch alone, of either model: as that of a diagram along its span, without attractors."""
+    """Return the figure of one branch alone, of either model: as that of a diagram along its span, without attractors.
+    """
     require(isinstance(branch, Followed), f"branch must be a Branch, got {type(branch).__name__}")
     found: Any = branch
     at = found.parameters
@@ -126,7 +128,10 @@ def branch_figure(branch: Any) -> Figure:
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
     """Figures 5 and 9: the diagram along ε at one damping; at the paper's parameters in the paper's window.
 
-    Raises ParameterError.
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
@@ -134,7 +139,7 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
 
 
 def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """The same of the stiff gear, in the same windows. Raises ParameterError."""
+    """Return the same of the stiff gear, in the same windows. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _notes(found))
@@ -185,7 +190,7 @@ def impacts_at(event: Any) -> tuple[Array, Array]:
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Every impact of a branch on Σ⁺, with the events put in between its points."""
+    """Yield every impact of a branch on Σ⁺, with the events put in between its points."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -205,7 +210,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """The parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
+    """Yield the parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0

@@ -132,8 +132,9 @@ class Labels:
         return False
 
     def widest(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """The cell's centre, in data coordinates, that is farthest from lines, labels and the frame; how far, in
-        pixels.
+        """Return the cell's centre, in data coordinates, that is farthest from lines, labels and the frame.
+
+        How far, in pixels.
         """
         cells, room = self._rooms(inside)
         best = int(np.argmax(room))
@@ -237,7 +238,7 @@ def _dense(line: Array) -> Array:
 
 
 def _cross(one: Array, other: Array) -> bool:
-    """Whether two segments cross."""
+    """Return whether two segments cross."""
     (a, b), (c, d) = one, other
     return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
 

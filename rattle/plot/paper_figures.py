@@ -133,8 +133,12 @@ def request(
     beta: float = ranges.BETA,
     **added: float | None,
 ) -> Request:
-    """Figure `number` with other δ, ε or β than the paper's, or of the stiff gear. Raises ParameterError, before
-    anything is computed.
+    """Figure `number` with other δ, ε or β than the paper's, or of the stiff gear.
+
+    Raises
+    ------
+    ParameterError
+        Before anything is computed.
     """
     known = ", ".join(map(str, sorted(FIGURES)))
     require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
@@ -155,7 +159,13 @@ def request(
 
 
 def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
-    """The figure of the stiff gear's limit, of one δ and one ε. Raises ParameterError, before anything is computed."""
+    """Return the figure of the stiff gear's limit, of one δ and one ε.
+
+    Raises
+    ------
+    ParameterError
+        Before anything is computed.
+    """
     return StiffRequest(
         stiff.DELTA if delta is None else _checked("stiff", "delta", NUMBER, delta, positive=True),
         stiff.EPSILON if epsilon is None else _checked("stiff", "epsilon", NUMBER, epsilon),
@@ -166,15 +176,25 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
 def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> Drawing:
     """Draw figure `number` of the paper from computed data, at other δ, ε or β than the paper's if they are given.
 
-    What δ and ε are for a figure, FIGURES says. Raises ParameterError.
+    What δ and ε are for a figure, FIGURES says.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     return request(number, delta, epsilon, beta).draw()
 
 
 def parse(option: str, texts: Sequence[str]) -> Given | None:
-    """The numbers that the texts of an option are, or the range that a single LOW:HIGH is; None if there are none.
+    """Return the numbers that the texts of an option are, or the range that a single LOW:HIGH is.
 
-    Raises ParameterError.
+    None if there are none.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     numbers = []
     for text in texts:

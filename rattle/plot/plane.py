@@ -44,7 +44,7 @@ MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth"
 
 
 def polyline(curve: Curve) -> Array:
-    """The points (δ, ε) of a curve (k, 2), NaN between pieces."""
+    """Return the points (δ, ε) of a curve (k, 2), NaN between pieces."""
     points = np.column_stack([curve.delta, curve.epsilon])
     return np.insert(points, np.flatnonzero(np.diff(curve.piece)) + 1, np.nan, axis=0)
 
@@ -90,11 +90,21 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
 
 
 def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
-    """The two-parameter bifurcation diagram of Figures 7 and 8: curves, points and regions in a window.
+    """Return the two-parameter bifurcation diagram of Figures 7 and 8: curves, points and regions in a window.
 
-    delta, epsilon: (low, high). The curves that the paper has are thick, the others thin. At the paper's β, dashed
-    lines show the ranges of its Figures 5 and 9, and a rectangle Figure 8. Where COD21 and COD23 are close in the
-    window, an inset shows the curves that touch there by their distance from SN2. Raises ParameterError.
+    The curves that the paper has are thick, the others thin. At the paper's β, dashed lines show the ranges of its
+    Figures 5 and 9, and a rectangle Figure 8. Where COD21 and COD23 are close in the window, an inset shows the curves
+    that touch there by their distance from SN2.
+
+    Parameters
+    ----------
+    delta, epsilon : Range
+        (low, high).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     figure = new_figure(6.8, 5.2)
     axes = figure.add_subplot(xlim=delta, ylim=epsilon)

@@ -23,7 +23,7 @@ class Distribution(ABC):
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:
-        """The numbers below which these shares of all are, u in (0, 1)."""
+        """Return the numbers below which these shares of all are, u in (0, 1)."""
 
     @property
     def range(self) -> tuple[float, float]:
@@ -92,8 +92,9 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class Triangular(Distribution):
-    """A density that rises from low to the mode, and falls to high. Raises ParameterError unless low ≤ mode ≤ high and
-    low < high.
+    """A density that rises from low to the mode, and falls to high.
+
+    Raises ParameterError unless low ≤ mode ≤ high and low < high.
     """
 
     low: float
@@ -169,7 +170,10 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 def distribution_of(text: str) -> Distribution:
     """Read WORD:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0 (the third and fourth: the ends that it is cut at).
 
-    Raises ParameterError.
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     word, *rest = (part.strip() for part in text.split(":"))
     kind: Any = DISTRIBUTIONS.get(word)

@@ -80,14 +80,17 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
 def followed(
     points: Points, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
-    """The attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities ask."""
+    """Return the attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities
+    ask.
+    """
     model = MODELS[points.parameters.model]
     found = model.classified(points.parameters, tau, v, budget)
     return *tabulated(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
-    """The states (n, count) from which the gears begin: those of `Gear.attractors`, or what shocks make of rest."""
+    """Return the states (n, count) from which the gears begin: those of `Gear.attractors`, or what shocks make of rest.
+    """
     at = points.parameters
     if plan.shock is None:
         return SampleSpec(count, NATURAL, seed).states(at)
@@ -98,15 +101,17 @@ def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Ar
 
 
 def of_shares(given: float | str | Distribution, u: Array) -> Array:
-    """A number, or what has these shares of a distribution below it."""
+    """Return a number, or what has these shares of a distribution below it."""
     if isinstance(given, Distribution):
         return given.quantile(np.clip(u, LEAST, 1.0 - LEAST))
     return np.full(u.shape, float(given))
 
 
 def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
-    """Whether gears (n,) pass: by their share of quiet runs, with more and more samples until it is told with 95 %
-    confidence, or by the margin of quiet running.
+    """Return whether gears (n,) pass.
+
+    By their share of quiet runs, with more and more samples until it is told with 95 % confidence, or by the margin of
+    quiet running.
     """
     if plan.margin is not None:
         least = plan.margin if points.units is None else plan.margin / points.units.velocity

@@ -55,15 +55,25 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one:
-    the largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
+    """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one.
 
-    given: its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what
-    a drawing says of the number itself is passed over. The probability is that of states of [0, 1) × (0, natural
-    speed), the same `count` for every value. First SCANNED values are looked at from the safe side on, by default to
-    where nothing is quiet; between two of them the limit is solved for, and the interval is where the share is not told
-    from what is asked. A window of rattling narrower than a step of that scan can be missed: `between` makes it finer.
-    Raises ParameterError.
+    The largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
+
+    The probability is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED
+    values are looked at from the safe side on, by default to where nothing is quiet; between two of them the limit is
+    solved for, and the interval is where the share is not told from what is asked. A window of rattling narrower than a
+    step of that scan can be missed: `between` makes it finer.
+
+    Parameters
+    ----------
+    given : Mapping[str, Any]
+        Its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what a
+        drawing says of the number itself is passed over.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     solver = _Solver(given, of, share, between, count, seed, budget)
     return solver.solved()
@@ -72,9 +82,14 @@ def design_limit(
 def design_limits(
     given: Mapping[str, Any], of: str, over: str, values: Iterable[float], share: float = 0.99, **more: Any
 ) -> list[Limit]:
-    """The limit of one number as a curve over another, at these values of it: `design_limit` with its other arguments.
+    """Return the limit of one number as a curve over another, at these values of it.
 
-    Raises ParameterError.
+    `design_limit` with its other arguments.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(over != of, f"a limit of {of} is over another number")
     return [design_limit({**given, over: value}, of, share, **more) for value in values]
@@ -183,15 +198,16 @@ class _Solver:
         return known
 
     def solved(self) -> Limit:
-        """The limit, and the ends of its interval."""
+        """Return the limit, and the ends of its interval."""
         last = self._first_too_much()
         (inside, outside), (sure, _), (_, possible) = (self._crossing(which, last) for which in Excess._fields)
         low, high = (sure, possible) if SAFE_IF_SMALL[self.of] else (possible, sure)
         return Limit(0.5 * (inside + outside), low, high)
 
     def _first_too_much(self) -> int:
-        """The first of the values that is too much, by the samples of the scan if these are sure, else by all; their
-        number where none is.
+        """The first of the values that is too much, by the samples of the scan if these are sure, else by all.
+
+        Their number where none is.
         """
         for i, value in enumerate(self.scanned):
             few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))

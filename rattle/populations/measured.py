@@ -17,10 +17,15 @@ LEAST = 3  # gears
 
 
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
-    """The numbers of measured gears, from a table with a header that names them (eccentricity, …; SI units) and a row
-    for each gear: their distributions, and their correlation as `population` takes it.
+    """Return the numbers of measured gears, from a table with a header that names them (eccentricity, …; SI units) and a
+    row for each gear: their distributions, and their correlation as `population` takes it.
 
-    Raises ParameterError, and RattleError if the file cannot be read.
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the file cannot be read.
     """
     names = *DIMENSIONLESS, *OF_MACHINE
     found = read_columns(path, names)

@@ -35,7 +35,7 @@ class Points(NamedTuple):
     units: Units | None
 
     def some(self, which: Any) -> Points:
-        """Those of an index or a mask."""
+        """Return those of an index or a mask."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
         return Points(self.parameters.take(which), units)
@@ -107,18 +107,22 @@ class Tolerances:
         return Copula(np.asarray(self.correlation, np.float64))
 
     def values(self, z: Array) -> Array:
-        """The numbers (n, d) of gears with these normal numbers (n, d)."""
+        """Return the numbers (n, d) of gears with these normal numbers (n, d)."""
         u = shares(z)
         return np.stack([self.given[name].quantile(u[:, j]) for j, name in enumerate(self.names)], axis=1)
 
     def points(self, values: Array) -> Points:
-        """The gears whose varying numbers (n, d) these are. Raises ParameterError."""
+        """Return the gears whose varying numbers (n, d) these are. Raises ParameterError."""
         return points_of({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive. Raises
-    ParameterError.
+    """Gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     numbers = {**OPTIONAL, **given}
     if not is_machine(given):
@@ -145,7 +149,7 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Whether numbers are a machine's."""
+    """Return whether numbers are a machine's."""
     return any(name in OF_MACHINE for name in given)
 
 

@@ -85,12 +85,12 @@ class Certificate:
         }
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)
 
 
 def exact(name: str, value: Exact) -> Fraction:
-    """A decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
+    """Return a decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
     if isinstance(value, str):
         if NUMBER.fullmatch(value):
             return Fraction(value)
@@ -102,7 +102,7 @@ def exact(name: str, value: Exact) -> Fraction:
 
 
 def text(value: Fraction) -> str:
-    """An exact number as a decimal, or as a ratio where it is none."""
+    """Return an exact number as a decimal, or as a ratio where it is none."""
     twos, fives, rest = 0, 0, value.denominator
     while rest % 2 == 0:
         rest, twos = rest // 2, twos + 1

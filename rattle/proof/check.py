@@ -34,14 +34,14 @@ def require(ok: bool, why: str) -> None:
 
 
 def exact(text: str) -> Interval:
-    """An interval about the very number that a decimal or a ratio is."""
+    """Return an interval about the very number that a decimal or a ratio is."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number")
     number = Fraction(text)
     return IV.mpf(number.numerator) / IV.mpf(number.denominator)
 
 
 def positive(*intervals: Interval) -> bool:
-    """Whether all numbers of all intervals are > 0; what is not a number is not."""
+    """Return whether all numbers of all intervals are > 0; what is not a number is not."""
     return all(bool(x.a > 0) and bool(x.b > 0) for x in intervals)
 
 
@@ -150,12 +150,12 @@ class Piece:
         self.y0, self.v0 = self.driven(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        """Return g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
         sine, cosine = turned(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def driven(self, u: Interval) -> tuple[Interval, Interval]:
-        """One solution of the equation, and its derivative, after u."""
+        """Return one solution of the equation, and its derivative, after u."""
         sine, cosine = turned(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0
@@ -172,12 +172,14 @@ class Piece:
         return c, s, -self.k * s, c - self.delta * s
 
     def after(self, u: Interval) -> tuple[Interval, Interval]:
-        """y and y' after u."""
+        """Return y and y' after u."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def stays(self) -> bool:
-        """Whether y is clear of the walls, or in contact beyond its wall, at all times but both ends of the piece."""
+        """Return whether y is clear of the walls, or in contact beyond its wall, at all times but both ends of the
+        piece.
+        """
 
         def clear(y: Interval) -> bool:
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y

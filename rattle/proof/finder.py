@@ -42,7 +42,7 @@ class Motion(Evaluated, Protocol):
 
 
 def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
-    """The theorem about a computed motion at exact parameters. Raises NotProvedError."""
+    """Return the theorem about a computed motion at exact parameters. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
         motions, start = motions_of(orbit, parameters)
         found = enclosed(motions, start)
@@ -73,7 +73,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], Motion], NDArray[np.float64]]:
-    """The motions of a computed one's itinerary by their times, and its own."""
+    """Return the motions of a computed one's itinerary by their times, and its own."""
     plane = Plane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.Impacting(plane, orbit.walls, orbit.m), orbit.departures
@@ -109,8 +109,10 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Of λ² − trace λ + determinant with 0 < determinant < 1: both roots are inside the unit circle if and only if
-    |trace| < 1 + determinant, and one is outside if |trace| is more.
+    """Of λ² − trace λ + determinant with 0 < determinant < 1.
+
+    Both roots are inside the unit circle if and only if |trace| < 1 + determinant, and one is outside if |trace| is
+    more.
     """
     if abs(trace) < 1 + determinant:
         return Verdict.ATTRACTING

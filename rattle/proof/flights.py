@@ -44,7 +44,7 @@ class Plane:
         return 2 * PI() * self.swing
 
     def force(self, sine: arb, cosine: arb) -> arb:
-        """g where the forcing has this sine and cosine."""
+        """Return g where the forcing has this sine and cosine."""
         return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
 
     @cached_property
@@ -85,7 +85,7 @@ class Flight:
 
 
 def flight(plane: Plane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb) -> Flight:
-    """The flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
+    """Return the flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
     (sin0, cos0), (sin1, cos1), delta = turn0, turn1, plane.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
@@ -101,7 +101,7 @@ def flight(plane: Plane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[
 
 
 def sign(x: arb) -> int:
-    """The sign that all numbers of a ball have, 0 if they have not one."""
+    """Return the sign that all numbers of a ball have, 0 if they have not one."""
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
@@ -139,7 +139,7 @@ def extrema(flight: Flight, name: str) -> Iterator[tuple[int, arb]]:
 
 
 def cuts(flight: Flight) -> list[arb]:
-    """The times in a flight, or within rounding of its ends, at which g vanishes, in order."""
+    """Return the times in a flight, or within rounding of its ends, at which g vanishes, in order."""
     found = []
     for edge in flight.plane.edges:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
@@ -151,7 +151,7 @@ def cuts(flight: Flight) -> list[arb]:
 
 
 def extremum(flight: Flight, start: arb, end: arb, name: str) -> arb:
-    """A ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
+    """Return a ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
 
     At any e there |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start.
     """

@@ -45,10 +45,15 @@ class Enclosure:
 
 
 def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
-    """The zero near a computed one.
+    """Return the zero near a computed one.
 
     K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) inside X proves it, whatever C is, and K(X) holds the zero: R. Krawczyk,
-    Computing 4 (1969) 187–201. Raises NotProvedError, also if that is farther away than rounding can have left.
+    Computing 4 (1969) 187–201.
+
+    Raises
+    ------
+    NotProvedError
+        Also if that is farther away than rounding can have left.
     """
     about, centre = refined(equations, start)
     x = [ball(each) for each in centre]
@@ -66,8 +71,9 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
 
 
 def refined(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
-    """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method: then all of its places follow
-    from the equations alone, not from how a machine adds doubles.
+    """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method.
+
+    Then all of its places follow from the equations alone, not from how a machine adds doubles.
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)
@@ -94,7 +100,7 @@ def inverse(matrix: arb_mat) -> arb_mat:
 
 
 def column(entries: Sequence[arb]) -> arb_mat:
-    """A vector (n, 1)."""
+    """Return a vector (n, 1)."""
     return arb_mat(len(entries), 1, list(entries))
 
 

@@ -46,12 +46,12 @@ class Walls:
         return square.sqrt()
 
     def steady(self, t: arb) -> tuple[arb, arb]:
-        """y and y' of the steady motion: permanent contact."""
+        """Return y and y' of the steady motion: permanent contact."""
         (a, b), (sine, cosine) = self.response, (2 * t).sin_cos_pi()
         return self.mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
-        """The tangent map (C, S, −2κS, C − δS) of (y, y') over the time u of contact."""
+        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over the time u of contact."""
         delta = self.plane.delta
         sine, cosine = (self.rate * u).sin_cos()
         kept = (-delta * u / 2).exp()
@@ -60,7 +60,7 @@ class Walls:
         return c, s, -2 * self.kappa * s, c - delta * s
 
     def force(self, time: arb) -> arb:
-        """g."""
+        """Return g."""
         return self.plane.force(*(2 * time).sin_cos_pi())
 
 
@@ -86,11 +86,11 @@ class Contact:
 
     @cached_property
     def end(self) -> tuple[arb, arb]:
-        """y and y' at t1."""
+        """The value of y and y' at t1."""
         return self._moved(self.t1, self.tangent)
 
     def at(self, t: arb) -> tuple[arb, arb]:
-        """y and y'."""
+        """Return y and y'."""
         return self._moved(t, self.walls.tangent(t - self.t0))
 
     def _moved(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:

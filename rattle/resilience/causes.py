@@ -36,8 +36,9 @@ class Orbit:
 
 @dataclass(frozen=True)
 class End:
-    """Why an orbit ends between two points of a path, and between which shares of the way; what it is at the second
-    point, if it is there.
+    """Why an orbit ends between two points of a path, and between which shares of the way.
+
+    What it is at the second point, if it is there.
     """
 
     cause: str
@@ -102,7 +103,10 @@ def _solved(gear: AnyGear, near: Orbit) -> Any:
 
 
 def after_part(gear: AnyGear, label: Orbit, found: Any) -> float:
-    """How far a motion is from closing after a part of its period: one that does is another one, run through twice."""
+    """Return how far a motion is from closing after a part of its period.
+
+    One that does is another one, run through twice.
+    """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
     after = gear.iterate(found.tau, found.v, np.array([n_plus // n for n in parts], np.int64))
@@ -111,7 +115,7 @@ def after_part(gear: AnyGear, label: Orbit, found: Any) -> float:
 
 
 def _was_doubled(gear: AnyGear, at: Orbit) -> bool:
-    """Whether a motion of half the period is near, which is about to flip, or just has."""
+    """Return whether a motion of half the period is near, which is about to flip, or just has."""
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)

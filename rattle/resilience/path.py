@@ -80,18 +80,18 @@ class GlobalContinuation:
         return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
-        """The share of the samples that a family wins at each step (n,); NaN where it is not."""
+        """Return the share of the samples that a family wins at each step (n,); NaN where it is not."""
         won = self._won(number)
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
-        """The ends of the 95 % Wilson intervals of these shares (n,)."""
+        """Return the ends of the 95 % Wilson intervals of these shares (n,)."""
         won = self._won(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
 
     def means(self, name: str, number: int) -> tuple[Array, Array]:
-        """The mean of a quantity over the samples of a family at each step (n,), and its standard error."""
+        """Return the mean of a quantity over the samples of a family at each step (n,), and its standard error."""
         mine = np.isin(self.which, self._rows(number))
         values = np.where(mine, self.quantities[name], 0.0)
         known = np.where(mine, ~np.isnan(self.quantities[name]), False)
@@ -127,16 +127,29 @@ def global_continuation(
     states: States = None,
     **added: float | None,
 ) -> GlobalContinuation:
-    """The attractors along a path of (δ, ε), of (δ, ε, β) or of these with what a model adds, points (k, 2 or more).
+    """Return the attractors along a path of (δ, ε), of (δ, ε, β) or of these with what a model adds, points (k, 2 or
+    more).
 
     Each stable orbit is itself continued to the next steps, so that these have what their samples missed; chaotic
     attractors are one where they visit the same states (docs/families.md). Of each family that begins or ends the cause
     is told, unless causes is False: its orbit is followed from step to step.
 
-    steps: so many even ones along the path; by default its own points are the steps. beta, and what a model adds by its
-    name, such as the stiffness of the stiff gear: where the path has none. count, v_max, seed: the sample of each step,
-    as in `Gear.attractors`. states: own ones (τ, v) of every step instead. quantities: what else to gather of each
-    sample, by name, over so many forcing periods (`Accumulator`). Raises ParameterError.
+    Parameters
+    ----------
+    count, v_max, seed
+        The sample of each step, as in `Gear.attractors`.
+    steps : int | None
+        So many even ones along the path; by default its own points are the steps. beta, and what a model adds by its
+        name, such as the stiffness of the stiff gear: where the path has none.
+    quantities : Mapping[str, Make]
+        What else to gather of each sample, by name, over so many forcing periods (`Accumulator`).
+    states : States
+        Own ones (τ, v) of every step instead.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     points = path_of(path, beta, added, steps)
     given = None if states is None else states_of(*states)
@@ -170,7 +183,7 @@ class _Changes:
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
     def all(self) -> list[Change]:
-        """All of them, along the path; those of chaos, which may follow from others, are told last."""
+        """Return all of them, along the path; those of chaos, which may follow from others, are told last."""
         found = [
             (family, step, begins)
             for step in range(self.points.size - 1)

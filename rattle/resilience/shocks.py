@@ -48,13 +48,20 @@ Departure = Callable[[_State, float], tuple[float, float] | None]
 def smallest_shock(
     gear: AnyGear, attractor: Attractor, phase: float | None = None, v_max: SpeedLimit = None
 ) -> LeastShock:
-    """The least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
+    """Return the least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
 
     At a departure from Σ⁺, whichever of the attractor's it is (of a chaotic one, 64 of them), or at this phase of the
     forcing, of a periodic or quiet motion. Shocks are tried whose departures are slower than
     v_max, as in `Gear.attractors`. An upper bound: 64 shocks each way, and three times 64 below the least so far, are
     followed from each state; a basin that is thinner may be nearer. `Gear.boundary_distance` searches harder for quiet
-    motion. Raises ParameterError, and RattleError where the attractor is none of this gear's.
+    motion.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where the attractor is none of this gear's.
     """
     highest = sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta)
     require(attractor.kind in ("quiet", "periodic", "chaotic"), f"a motion that is {attractor.kind} has no boundary")
@@ -126,7 +133,7 @@ class _Search:
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
     def found(self) -> LeastShock:
-        """The shock."""
+        """Return the shock."""
         state = self.states[self.state]
         if self.to is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)

@@ -28,8 +28,10 @@ LONGEST_RUN = 1e5  # forcing periods of one call
 
 
 class Motion(NamedTuple):
-    """Where a motion is after a time: Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent
-    map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, of determinant e^(−δ time).
+    """Where a motion is after a time.
+
+    Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
+    fixed times, of determinant e^(−δ time).
     """
 
     position: float
@@ -69,9 +71,16 @@ class StiffGear(Sampled, Rattling):
         return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> Motion:
-        """The motion from (Φ, Φ') at this phase, after a time in forcing periods: the stroboscopic map, if it is whole.
+        """Return the motion from (Φ, Φ') at this phase, after a time in forcing periods.
 
-        Raises ParameterError, and RattleError where the numbers leave double precision.
+        The stroboscopic map, if it is whole.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where the numbers leave double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         time, tau = require_number("time", time), _phase(phase)
@@ -89,10 +98,16 @@ class StiffGear(Sampled, Rattling):
         return Motion(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
     def impact(self, tau: float, v: float) -> Impact:
-        """The return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
+        """Return the return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
 
-        In (t, v²/2) the tangent has determinant e^(−δ time). Raises ParameterError, and RattleError where contact with
-        Σ⁺ never ends (quiet motion).
+        In (t, v²/2) the tangent has determinant e^(−δ time).
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where contact with Σ⁺ never ends (quiet motion).
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_phase(tau), v, self._point)
@@ -103,9 +118,15 @@ class StiffGear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """The first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase, in
-        the gap or in contact. v is 0 if its contact with Σ⁺ never ends. Raises ParameterError, and RattleError where
-        the numbers leave double precision.
+        """Return the first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase,
+        in the gap or in contact. v is 0 if its contact with Σ⁺ never ends.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where the numbers leave double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(*self._point, _phase(phase), position, velocity)
@@ -118,25 +139,32 @@ class StiffGear(Sampled, Rattling):
         """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
 
         As `Gear.trajectory`, with the contacts that it begins for impacts; rest: when the contact begins that never
-        ends. Raises ParameterError, and RattleError where the numbers leave double precision.
+        ends.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where the numbers leave double precision.
         """
         return trajectory(*self._point, _phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        """Return the counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
         return tuple(
             Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point)
             for name, found in period_one.orbits_at(*self._point)
         )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
-        """The periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺, with its least
-        period; see `stiff_orbit`.
+        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺, with its
+        least period; see `stiff_orbit`.
         """
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """A saddle among `orbits`, for its manifolds."""
+        """Return a saddle among `orbits`, for its manifolds."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:

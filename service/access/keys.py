@@ -61,7 +61,7 @@ def add_key(
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """The live key that this token belongs to. Asks the database each time: a revoked key is refused at once."""
+    """Return the live key that this token belongs to. Asks the database each time: a revoked key is refused at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
@@ -81,14 +81,15 @@ def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
 
 
 def find_session(database: Database, token: str) -> Caller | None:
-    """The caller whose browser holds this; None once it has signed out, or its time is over, or its key revoked."""
+    """Return the caller whose browser holds this; None once it has signed out, or its time is over, or its key revoked.
+    """
     session = hash_of(token)
     key = database.key_by_session(session)
     return Caller(key, session) if key is not None else None
 
 
 def has_live_key(database: Database) -> bool:
-    """Whether anybody could be let in."""
+    """Return whether anybody could be let in."""
     return any(key.revoked is None for key in database.keys())  # noqa: SIM118 - no dict
 
 

@@ -52,7 +52,7 @@ def _form(request: Request, problem: str = "", status: int = 200) -> Response:
 
 
 async def login(request: Request) -> Response:
-    """The form, and what it sends."""
+    """Return the form, and what it sends."""
     if request.method == "GET":
         had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
         response = _form(request, "You are signed in no longer: sign in again." if had else "")

@@ -84,16 +84,19 @@ CallerState = Annotated[Caller, Depends(caller_of)]
 
 
 def asks_keys(settings: Settings) -> bool:
-    """Whether a service with these settings asks everybody for a key."""
+    """Return whether a service with these settings asks everybody for a key."""
     return not settings.insecure and (settings.require_keys or not is_loopback(settings.host))
 
 
 class AccessMiddleware:
     """Refuses requests that are too large, come from another site's page, or carry no key where one is asked.
 
-    Args:
-        app: what gets the others, with ``state["caller"]``; None there on an open path without a key.
-        settings: of the service.
+    Parameters
+    ----------
+    app
+        What gets the others, with ``state["caller"]``; None there on an open path without a key.
+    settings
+        Of the service.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:

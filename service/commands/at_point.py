@@ -43,8 +43,10 @@ NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # of 
 def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
     """Give a command these options; it takes the `Point` that they describe for its first argument.
 
-    Args:
-        timed: --rpm is of use beside DELTA and EPSILON too.
+    Parameters
+    ----------
+    timed : bool
+        --rpm is of use beside DELTA and EPSILON too.
     """
 
     def given_point(command: Command) -> Command:
@@ -54,7 +56,7 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
 
 
 def point_of(given: dict[str, Any], timed: bool) -> Point:
-    """The point that OPTIONS describe, in one of the two ways."""
+    """Return the point that OPTIONS describe, in one of the two ways."""
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
     if set(machine) - {"rpm"} or (machine and not timed):

@@ -21,7 +21,9 @@ SpeedLimit = Annotated[
 
 
 def found_at(point: Point, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """The attractors of a point by falling share of the samples, whose speeds are by default those of its motions."""
+    """Return the attractors of a point by falling share of the samples, whose speeds are by default those of its
+    motions.
+    """
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 

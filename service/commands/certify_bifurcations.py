@@ -19,7 +19,7 @@ def codimension_two(beta: str) -> Iterator[BifurcationCertificate]:
 
 
 def points_of_curves(store: str, slice_number: int | None) -> Iterator[BifurcationCertificate | str]:
-    """The certificate of each point of a survey's curves, or why it is not proved."""
+    """Yield the certificate of each point of a survey's curves, or why it is not proved."""
     import rattle
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
     """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format.
 
-    slice_number: of a survey with a third axis.
+    Parameters
+    ----------
+    slice_number : int | None
+        Of a survey with a third axis.
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.pictures.figure import survey_figure

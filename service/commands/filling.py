@@ -83,7 +83,7 @@ def _compile(request: AnyRequest, stop: threading.Event) -> None:
 def started(
     numbers: dict[str, float], scheduler: str | None, workers: int, should_stop: Callable[[], bool]
 ) -> AbstractContextManager[Client]:
-    """The cluster, and a word to whoever waits for it."""
+    """Return the cluster, and a word to whoever waits for it."""
     import rattle
     from gear_rattle.workers import connect, embedded_cluster
 

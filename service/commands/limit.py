@@ -41,8 +41,9 @@ def limit(
     budget: options.Budget = None,
     seed: options.Seed = 0,
 ) -> None:
-    """Print up to which value of a number a gear runs quietly often enough: the largest eccentricity, backlash or
-    speed, the least drag.
+    """Print up to which value of a number a gear runs quietly often enough.
+
+    The largest eccentricity, backlash or speed, the least drag.
 
     The other numbers are options: delta, epsilon and beta, or a machine's.
     """

@@ -59,8 +59,9 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 def with_options(
     command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command options, None by default but for these; it takes what `taken_as` makes of the given ones, by name,
-    for its first argument.
+    """Give a command options, None by default but for these.
+
+    It takes what `taken_as` makes of the given ones, by name, for its first argument.
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
     command.__annotations__.pop(next(iter(command.__annotations__)))  # of a module that is slow to import, perhaps
@@ -83,11 +84,14 @@ def with_options(
 
 
 def with_added(command: Command, kind: Any, text: str | None = None, after: str = "beta") -> Command:
-    """Give a command an option for each number that a model adds, behind one of its own; it takes those that are given
-    for its last argument, by name.
+    """Give a command an option for each number that a model adds, behind one of its own.
 
-    Args:
-        text: what the option is for, with `{}` where its name in words stands; by default as for a point.
+    It takes those that are given for its last argument, by name.
+
+    Parameters
+    ----------
+    text : str | None
+        What the option is for, with `{}` where its name in words stands; by default as for a point.
     """
     own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
     options = [
@@ -121,8 +125,9 @@ def with_added(command: Command, kind: Any, text: str | None = None, after: str 
 
 
 def with_numbers(command: Command) -> Command:
-    """Give a command the numbers of a gear, each one number or a distribution; it takes those given, as text by name,
-    for its first argument.
+    """Give a command the numbers of a gear, each one number or a distribution.
+
+    It takes those given, as text by name, for its first argument.
     """
     return with_options(command, number_options(str, "NUMBER|DISTRIBUTION"), lambda given: given)
 

@@ -56,7 +56,7 @@ def compiling_told() -> Iterator[None]:
 
 
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
-    """A progress bar if stderr is a terminal, otherwise a line now and then."""
+    """Return a progress bar if stderr is a terminal, otherwise a line now and then."""
     console = Console(stderr=True)
     return (_Bar if console.is_terminal else _Lines)(console, cells, cells_done, what)
 

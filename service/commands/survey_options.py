@@ -118,8 +118,9 @@ def with_survey(command: Command) -> Command:
 
 
 def survey_request(given: dict[str, Any]) -> SurveyRequest:
-    """Return the request that these options describe, defaults for all others; typer.BadParameter names the option that
-    is wrong.
+    """Return the request that these options describe, defaults for all others.
+
+    Typer.BadParameter names the option that is wrong.
     """
     from pydantic import ValidationError
 

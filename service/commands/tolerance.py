@@ -62,8 +62,9 @@ def tolerance(
     force: Force = False,
     watch: Watch = False,
 ) -> None:
-    """Compute a population of gears, write it to PATH, and print what follows from it; or submit it to a service, and
-    print its id: that of an identical population, if the service has one.
+    """Compute a population of gears, write it to PATH, and print what follows from it.
+
+    Or submit it to a service, and print its id: that of an identical population, if the service has one.
 
     A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
     lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last

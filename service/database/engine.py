@@ -20,12 +20,17 @@ UNPOOLED = {"poolclass": NullPool}
 def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     """Return the engine of a job database; nothing is read or written yet.
 
-    Args:
-        url: SQLAlchemy URL.
-        pool: how connections are kept; :data:`UNPOOLED` keeps none.
+    Parameters
+    ----------
+    url : str | URL
+        SQLAlchemy URL.
+    pool : dict[str, Any]
+        How connections are kept; :data:`UNPOOLED` keeps none.
 
-    Raises:
-        DataDirectoryError: neither SQLite in a file nor PostgreSQL.
+    Raises
+    ------
+    DataDirectoryError
+        Neither SQLite in a file nor PostgreSQL.
     """
     parsed = make_url(url)
     kind = parsed.get_backend_name()
@@ -39,7 +44,7 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
 
 
 def shown(url: URL) -> str:
-    """The URL for people and logs, without its password."""
+    """Return the URL for people and logs, without its password."""
     return url.render_as_string(hide_password=True)
 
 

@@ -42,7 +42,7 @@ class NewJob:
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """The survey that was answered with under the same idempotency key; ConflictError if it had another body."""
+    """Return the survey that was answered with under the same idempotency key; ConflictError if it had another body."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
@@ -58,7 +58,7 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
 
 
 def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
-    """A survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
+    """Return a survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
 
     One that waits or runs can be dismissed by its owner, and nobody else shall lose a survey by that.
     """

@@ -33,12 +33,18 @@ class Keys(Transactions):
     ) -> KeyRow:
         """Add a key.
 
-        Args:
-            name: for people; need not be unique.
-            key_hash: of the secret, which is stored nowhere.
-            scopes: what it allows.
-            max_cells: cells of all surveys of this key that wait, run or are kept; None for any number.
-            max_running: surveys of this key that wait or run, None for the limit of the service.
+        Parameters
+        ----------
+        name : str
+            For people; need not be unique.
+        key_hash : str
+            Of the secret, which is stored nowhere.
+        scopes : Collection[Scope]
+            What it allows.
+        max_cells : int | None
+            Cells of all surveys of this key that wait, run or are kept; None for any number.
+        max_running : int | None
+            Surveys of this key that wait or run, None for the limit of the service.
         """
         with self._write() as (session, _):
             key = KeyRow(
@@ -53,7 +59,7 @@ class Keys(Transactions):
         return key
 
     def keys(self) -> Sequence[KeyRow]:
-        """Every key, oldest first, revoked ones too."""
+        """Return every key, oldest first, revoked ones too."""
         with self._read() as session:
             return session.scalars(select(KeyRow).order_by(KeyRow.created, KeyRow.id)).all()
 
@@ -68,7 +74,7 @@ class Keys(Transactions):
         return key
 
     def key_by_hash(self, key_hash: str) -> KeyRow | None:
-        """The key with this hash, unless it was revoked."""
+        """Return the key with this hash, unless it was revoked."""
         with self._read() as session:
             return session.scalars(
                 select(KeyRow).where(KeyRow.hash == key_hash, KeyRow.revoked.is_(None))
@@ -84,7 +90,7 @@ class Keys(Transactions):
             session.add(SessionRow(hash=session_hash, key=key_id, expires=now(seconds)))
 
     def key_by_session(self, session_hash: str) -> KeyRow | None:
-        """The key that a browser has signed in with, unless that has expired, or the key was revoked."""
+        """Return the key that a browser has signed in with, unless that has expired, or the key was revoked."""
         with self._read() as session:
             return session.scalars(_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
 
@@ -94,7 +100,7 @@ class Keys(Transactions):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
     def still_in(self, identities: Collection[Identity]) -> set[Identity]:
-        """Those of them whose keys were not revoked, and whose sessions go on."""
+        """Return those of them whose keys were not revoked, and whose sessions go on."""
         keys = {key for key, _ in identities}
         hashes = {session_hash for _, session_hash in identities if session_hash is not None}
         with self._read() as session:

@@ -19,10 +19,12 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 
 
 def is_current(engine: Engine) -> bool:
-    """Whether the schema is that of this version. Reads only.
+    """Return whether the schema is that of this version. Reads only.
 
-    Raises:
-        DataDirectoryError: the database belongs to another program, or to a newer version.
+    Raises
+    ------
+    DataDirectoryError
+        The database belongs to another program, or to a newer version.
     """
     from alembic.runtime.migration import MigrationContext
     from alembic.script import ScriptDirectory

@@ -49,15 +49,22 @@ class Surveys(Transactions):
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
         """Add a survey, or find the one answered with before under the same idempotency key, or one that is the same.
 
-        Args:
-            has_results: whether the store of a successful survey is still there. Without it none is the same: a survey
-                is computed although it was computed before.
+        Parameters
+        ----------
+        has_results : Callable[[str], bool] | None
+            Whether the store of a successful survey is still there. Without it none is the same: a survey is computed
+            although it was computed before.
 
-        Raises:
-            ConflictError: the key was used for another body.
-            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
-            QuotaError: with it, the owner's surveys would hold more cells than its key allows.
-            UnauthorizedError: the owner's key was revoked.
+        Raises
+        ------
+        ConflictError
+            The key was used for another body.
+        QueueFullError
+            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+        QuotaError
+            With it, the owner's surveys would hold more cells than its key allows.
+        UnauthorizedError
+            The owner's key was revoked.
         """
         with self._write() as (session, service):
             known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
@@ -76,7 +83,8 @@ class Surveys(Transactions):
         return job
 
     def job(self, survey_id: str, kind: Kind | None = None) -> JobRow:
-        """The survey or population with this id; UnknownSurveyError if there is none, or it is not of this kind."""
+        """Return the survey or population with this id; UnknownSurveyError if there is none, or it is not of this kind.
+        """
         with self._read() as session:
             job = _find(session, survey_id)
         if kind not in (None, job.kind):
@@ -94,7 +102,7 @@ class Surveys(Transactions):
             return session.scalars(newest_first).all(), total
 
     def known(self, survey_ids: Collection[str]) -> set[str]:
-        """Those of the ids that are surveys."""
+        """Return those of the ids that are surveys."""
         ids, found = sorted(survey_ids), set[str]()
         with self._read() as session:
             for start in range(0, len(ids), CHUNK):
@@ -102,7 +110,7 @@ class Surveys(Transactions):
         return found
 
     def active(self) -> list[Active]:
-        """The surveys that wait or run, or were interrupted, oldest first."""
+        """Return the surveys that wait or run, or were interrupted, oldest first."""
         left = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
@@ -169,12 +177,17 @@ class Surveys(Transactions):
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended wait again; its tiles stay noted.
 
-        Args:
-            owner: id of the API key that asks, whose quotas count; None without a key.
+        Parameters
+        ----------
+        owner : str | None
+            Id of the API key that asks, whose quotas count; None without a key.
 
-        Raises:
-            ConflictError: it waits or runs, or is being deleted.
-            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+        Raises
+        ------
+        ConflictError
+            It waits or runs, or is being deleted.
+        QueueFullError
+            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         """
         with self._write() as (session, _):
             job = _find(session, survey_id)
@@ -208,7 +221,7 @@ class Surveys(Transactions):
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
     def has_tile(self, survey_id: str, index: int) -> bool:
-        """Whether this tile has been noted as written."""
+        """Return whether this tile has been noted as written."""
         with self._read() as session:
             return session.get(TileRow, (_number(session, survey_id), index)) is not None
 
@@ -242,7 +255,7 @@ class Surveys(Transactions):
         return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
-        """The first failed cells of a survey: indices and message."""
+        """Return the first failed cells of a survey: indices and message."""
         with self._read() as session:
             has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
             failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
@@ -251,7 +264,7 @@ class Surveys(Transactions):
                 return list(islice(chain.from_iterable(tiles), limit))
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
-        """The events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
+        """Return the events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
         with self._read() as session:
             number = _number(session, survey_id)
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
@@ -260,8 +273,10 @@ class Surveys(Transactions):
     def begin_deletion(self, survey_id: str) -> None:
         """Dismiss a survey that has ended, because its store is about to go.
 
-        Raises:
-            ConflictError: it has not ended.
+        Raises
+        ------
+        ConflictError
+            It has not ended.
         """
         with self._write() as (session, _):
             job = _find_ended(session, survey_id)
@@ -278,8 +293,10 @@ class Surveys(Transactions):
     def delete(self, survey_id: str) -> None:
         """Remove a survey that has ended, with its tiles and events.
 
-        Raises:
-            ConflictError: it has not ended.
+        Raises
+        ------
+        ConflictError
+            It has not ended.
         """
         with self._write() as (session, service):
             job = _find_ended(session, survey_id)

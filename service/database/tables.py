@@ -39,7 +39,7 @@ IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def now(later: float = 0.0) -> str:
-    """The present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
+    """Return the present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
     return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
 

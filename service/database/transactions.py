@@ -22,10 +22,14 @@ TAKEN = (
 class Transactions:
     """Transactions of one database.
 
-    Args:
-        engine: the open database.
-        on_change: called with the id of a survey after each commit that added an event to it.
-        require: called before each transaction; what it raises is raised.
+    Parameters
+    ----------
+    engine
+        The open database.
+    on_change
+        Called with the id of a survey after each commit that added an event to it.
+    require
+        Called before each transaction; what it raises is raised.
     """
 
     def __init__(
@@ -52,8 +56,10 @@ class Transactions:
     def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
         """A transaction that no other writer overlaps, so that it may decide by what it reads.
 
-        Raises:
-            UnavailableError: another service has taken the database since this one did, or writers before take long.
+        Raises
+        ------
+        UnavailableError
+            Another service has taken the database since this one did, or writers before take long.
         """
         self._require()
         with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():

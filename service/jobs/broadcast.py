@@ -67,7 +67,7 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def after(self, seen: int) -> list[Written] | None:
-        """The events that follow number `seen`, as far as they are known; None if they are no longer kept."""
+        """Return the events that follow number `seen`, as far as they are known; None if they are no longer kept."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
@@ -134,12 +134,16 @@ class Broadcast:
 
     @contextmanager
     def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:
-        """The feed of a survey, and an event that is set whenever the feed has grown; the listener clears it.
+        """Yield the feed of a survey, and an event that is set whenever the feed has grown; the listener clears it.
 
-        Args:
-            survey_id: which survey.
-            read: the events of a survey that follow a number, from the database.
-            last: number of an event that has happened.
+        Parameters
+        ----------
+        survey_id : str
+            Which survey.
+        read : Read
+            The events of a survey that follow a number, from the database.
+        last : int
+            Number of an event that has happened.
         """
         listener = asyncio.Event()
         with self._lock:

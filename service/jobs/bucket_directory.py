@@ -14,9 +14,12 @@ from gear_rattle.workers import Bucket
 class BucketDirectory(DataDirectory):
     """Where a service keeps its jobs, and the prefix of a bucket where it keeps the stores.
 
-    Args:
-        path: the data directory.
-        url: ``s3://BUCKET/PREFIX``, of this service alone.
+    Parameters
+    ----------
+    path
+        The data directory.
+    url
+        ``s3://BUCKET/PREFIX``, of this service alone.
     """
 
     def __init__(self, path: Path, url: str) -> None:
@@ -56,5 +59,5 @@ class BucketDirectory(DataDirectory):
 
 
 def open_directory(path: Path, stores: str | None) -> DataDirectory:
-    """The data directory of a service, with its stores in it, or at a URL."""
+    """Return the data directory of a service, with its stores in it, or at a URL."""
     return BucketDirectory(path, stores) if stores else DataDirectory(path)

@@ -61,8 +61,10 @@ class Entry:
 class DataDirectory:
     """Where one server keeps everything it must find again.
 
-    Args:
-        path: the directory; created by :meth:`locked` if absent.
+    Parameters
+    ----------
+    path
+        The directory; created by :meth:`locked` if absent.
     """
 
     def __init__(self, path: Path) -> None:
@@ -82,8 +84,10 @@ class DataDirectory:
     def store(self, survey_id: str) -> Path | Bucket:
         """Place of a survey's zarr store, whether it exists or not.
 
-        Raises:
-            DirectoryAwayError: the directory is not there, so that nothing can be said of its stores.
+        Raises
+        ------
+        DirectoryAwayError
+            The directory is not there, so that nothing can be said of its stores.
         """
         self.require()
         return self._path_of(survey_id)
@@ -95,8 +99,10 @@ class DataDirectory:
     def locked(self) -> Iterator[None]:
         """Hold the directory. The lock belongs to the process and ends with it, even by SIGKILL.
 
-        Raises:
-            DataDirectoryError: the directory cannot be used, or another server holds it.
+        Raises
+        ------
+        DataDirectoryError
+            The directory cannot be used, or another server holds it.
         """
         try:
             self._stores.mkdir(parents=True, exist_ok=True)
@@ -115,11 +121,15 @@ class DataDirectory:
     def identify(self, known: str | None = None) -> None:
         """Know this directory again. Whoever calls holds it.
 
-        Args:
-            known: identity of the directory that the job database knows, if it is elsewhere and knows one.
+        Parameters
+        ----------
+        known : str | None
+            Identity of the directory that the job database knows, if it is elsewhere and knows one.
 
-        Raises:
-            DataDirectoryError: this is another directory, or it cannot be written to.
+        Raises
+        ------
+        DataDirectoryError
+            This is another directory, or it cannot be written to.
         """
         try:
             self.identity = self._found()
@@ -152,8 +162,9 @@ class DataDirectory:
             return ""
 
     def remove_store(self, survey_id: str) -> None:
-        """Delete a store, after the certificates beside it. It disappears at once: a crash in the middle leaves no half
-        of it under its name.
+        """Delete a store, after the certificates beside it.
+
+        It disappears at once: a crash in the middle leaves no half of it under its name.
         """
         shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
         trash = self._stores / f"{TRASH}{survey_id}"

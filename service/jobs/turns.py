@@ -28,8 +28,10 @@ class Turns:
     key, and none waits for ever, whatever else is submitted. One without cells left counts as the largest: how long its
     bound or its certificates still take, cells do not tell.
 
-    Args:
-        clock: seconds.
+    Parameters
+    ----------
+    clock
+        Seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -40,7 +42,7 @@ class Turns:
         self._began = 0.0
 
     def next(self, active: Sequence[Active]) -> Active | None:
-        """The survey whose turn comes next, of all that wait or run, in the order of their numbers."""
+        """Return the survey whose turn comes next, of all that wait or run, in the order of their numbers."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:

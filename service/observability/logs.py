@@ -49,7 +49,10 @@ class Context(logging.Filter):
 
 
 def printable(text: str) -> str:
-    """The text in one line: what cannot be printed, or ends a line, or turns it round, is written as Python does."""
+    """Return the text in one line.
+
+    What cannot be printed, or ends a line, or turns it round, is written as Python does.
+    """
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)

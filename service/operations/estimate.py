@@ -28,8 +28,9 @@ STRONG = WATCH / PERIODS  # damping above which every sample is watched for as l
 
 @dataclass(frozen=True)
 class Estimate:
-    """Seconds that a survey will take on this service once it runs, and what that rests on; or the most that it will
-    take: if it is refined, and only the cost of a cell is known.
+    """Seconds that a survey will take on this service once it runs, and what that rests on.
+
+    Or the most that it will take: if it is refined, and only the cost of a cell is known.
     """
 
     seconds: float
@@ -39,11 +40,14 @@ class Estimate:
 
 
 async def estimate(front: Front, request: AnyRequest) -> Estimate:
-    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells. What a
-    population will cost: by nine of its gears.
+    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells.
 
-    Raises:
-        UnavailableError: it has to be measured, and that takes too long or has to wait.
+    What a population will cost: by nine of its gears.
+
+    Raises
+    ------
+    UnavailableError
+        It has to be measured, and that takes too long or has to wait.
     """
     workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
     found = await run_in_threadpool(_by_others, front, request)
@@ -81,7 +85,7 @@ def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
 
 
 def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
-    """The survey that computed the same for each cell, with the nearest number of initial conditions."""
+    """Return the survey that computed the same for each cell, with the nearest number of initial conditions."""
     wanted = {str(group) for group in request.quantities}
     like = [
         job
@@ -106,7 +110,7 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Whether it is the same model, with like numbers of those that it adds."""
+    """Return whether it is the same model, with like numbers of those that it adds."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -114,7 +118,10 @@ def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Whether samples are watched for about as long: in relaxation times where damping is weak, within the budget."""
+    """Return whether samples are watched for about as long.
+
+    In relaxation times where damping is weak, within the budget.
+    """
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)

@@ -13,8 +13,10 @@ def check_limits(request: AnyRequest, settings: Settings) -> None:
     """Refuse a survey, or a population, that is larger than this service allows, or asks for proofs that it cannot
     make. Costs nothing, whatever its size.
 
-    Raises:
-        LimitError: names the field and the limit.
+    Raises
+    ------
+    LimitError
+        Names the field and the limit.
     """
     if isinstance(request, PopulationRequest):
         _check_population(request, settings)

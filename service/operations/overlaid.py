@@ -23,8 +23,10 @@ Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Asked:
-    """The map of a survey whose picture is asked for; slice: of a third axis. share: the least P(quiet) of the design
-    limit; pixels: how finely a window is computed, None: not.
+    """The map of a survey whose picture is asked for.
+
+    Slice: of a third axis. share: the least P(quiet) of the design limit; pixels: how finely a window is computed,
+    None: not.
     """
 
     variable: str
@@ -82,7 +84,7 @@ class Overlaid:
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
-    """The line of a design limit (k, 2), NaN where there is none, from `DesignLimits.along`."""
+    """Return the line of a design limit (k, 2), NaN where there is none, from `DesignLimits.along`."""
     return np.column_stack([np.where(np.isnan(limits[0]), np.nan, delta), limits[0]])
 
 

@@ -87,7 +87,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
 def intensities(
     gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
 ) -> list[tuple[Attractor, Intensity]]:
-    """The attractors of a point, and how hard each rattles."""
+    """Return the attractors of a point, and how hard each rattles."""
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 

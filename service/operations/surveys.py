@@ -40,10 +40,14 @@ def submit_survey(
 ) -> JobRow:
     """Accept a survey, or a population, or find the one that is the same.
 
-    Raises:
-        LimitError: it is larger than this service allows.
-        DirectoryAwayError: there is no place for its store.
-        ConflictError, QueueFullError, QuotaError, UnauthorizedError: as `gear_rattle.service.database.Surveys.accept`.
+    Raises
+    ------
+    LimitError
+        It is larger than this service allows.
+    DirectoryAwayError
+        There is no place for its store.
+    ConflictError, QueueFullError, QuotaError, UnauthorizedError
+        As `gear_rattle.service.database.Surveys.accept`.
     """
     check_limits(request, front.settings)
     front.directory.require()
@@ -69,10 +73,14 @@ def submit_survey(
 def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow | None:
     """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
 
-    Raises:
-        UnknownSurveyError: there is no such survey.
-        ForbiddenError: it was submitted with another key.
-        ConflictError: its last tiles still run.
+    Raises
+    ------
+    UnknownSurveyError
+        There is no such survey.
+    ForbiddenError
+        It was submitted with another key.
+    ConflictError
+        Its last tiles still run.
     """
     require_owner(front, caller, survey_id, kind)
     if not front.database.job(survey_id).is_readable:  # it is shown as one that has ended
@@ -83,9 +91,12 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
 def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
     """Give a survey another name or other notes. What it computes, and its store, stay.
 
-    Raises:
-        UnknownSurveyError: there is no such survey.
-        ForbiddenError: it was submitted with another key.
+    Raises
+    ------
+    UnknownSurveyError
+        There is no such survey.
+    ForbiddenError
+        It was submitted with another key.
     """
     require_owner(front, caller, survey_id)
     return front.database.describe(survey_id, given.name, given.notes)
@@ -94,10 +105,14 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow:
     """Let a survey that has ended, or was dismissed, go on: what is damaged or missing of it is computed.
 
-    Raises:
-        UnknownSurveyError: there is no such survey.
-        ForbiddenError: it was submitted with another key.
-        ConflictError, QueueFullError: as `gear_rattle.service.jobs.manager.JobManager.verify`.
+    Raises
+    ------
+    UnknownSurveyError
+        There is no such survey.
+    ForbiddenError
+        It was submitted with another key.
+    ConflictError, QueueFullError
+        As `gear_rattle.service.jobs.manager.JobManager.verify`.
     """
     require_owner(front, caller, survey_id, kind)
     return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)

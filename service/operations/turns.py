@@ -29,9 +29,12 @@ async def in_turn(
     In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
     extreme parameters it takes minutes. Its time is counted from when the kernels that it `needs` are there.
 
-    Raises:
-        KernelsError: they are still being compiled.
-        UnavailableError: too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
+    Raises
+    ------
+    KernelsError
+        They are still being compiled.
+    UnavailableError
+        Too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
     """
     limits = front.settings
     with front.interruptible():

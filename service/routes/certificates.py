@@ -75,7 +75,7 @@ async def read_certificates(
     key: Annotated[str, Path(description="of the store", examples=["zarr.json", CERTIFICATES])],
     request: Request,
 ) -> Response:
-    """The variables are there when all attractors are through, the lines of certificates as they are proved."""
+    """Return the variables are there when all attractors are through, the lines of certificates as they are proved."""
     job, out = await run_in_threadpool(_stored, front, survey_id)
     if not KEY.fullmatch(key):
         raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")

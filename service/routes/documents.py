@@ -94,7 +94,7 @@ def _links(job: JobRow) -> Links:
 
 
 def standing(job: JobRow) -> dict[str, Any]:
-    """The fields of `Standing`."""
+    """Return the fields of `Standing`."""
     state, message = job.shown
     return {
         "id": job.id,

@@ -53,7 +53,7 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
     responses={**_binary(PARQUET), **declared(404, 422)},
 )
 async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = Form.CELLS) -> Response:
-    """The attributes of the survey are the metadata of the file. Needs the extra `parquet`, else 404."""
+    """Return the attributes of the survey are the metadata of the file. Needs the extra `parquet`, else 404."""
     return await _file(request, front, survey_id, f"{form}.parquet", PARQUET, partial(_parquet, form=form))
 
 

@@ -63,7 +63,7 @@ async def follow(
 
 
 async def stream(front: Front, caller: Caller, survey_id: str, kind: Kind, last_event_id: int) -> Response:
-    """The events of a survey or a population."""
+    """Return the events of a survey or a population."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)

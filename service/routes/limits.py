@@ -66,7 +66,7 @@ async def numbers_of_query(
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
-    """The numbers of the query that are given."""
+    """Return the numbers of the query that are given."""
     numbers = {**locals(), **more}
     del numbers["more"]
     return {name: value for name, value in numbers.items() if value is not None}
@@ -96,7 +96,7 @@ async def limits(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Limits:
-    """The largest eccentricity, backlash or speed, or the least damping or drag, at which and on whose safe side
+    """Return the largest eccentricity, backlash or speed, or the least damping or drag, at which and on whose safe side
     everywhere a gear runs quietly with this probability. In metres and rpm of a machine.
     """
     require_few(front, count)
@@ -126,7 +126,7 @@ def found_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """The limits that are asked for."""
+    """Return the limits that are asked for."""
     asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
         return [design_limit(given, of, share, **asked)]

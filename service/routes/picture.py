@@ -71,7 +71,7 @@ async def look_of_query(
         int | None, Query(ge=0, le=10**9, description="by its number: cells in which it is not are dimmed")
     ] = None,
 ) -> Look:
-    """The look of the query. Raises LimitError."""
+    """Return the look of the query. Raises LimitError."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose of {', '.join(LINES)}.")
@@ -133,7 +133,7 @@ async def asked_for(
     pixels_epsilon: Pixels = None,
     caption: Annotated[bool, Query(description="say below which survey it is, its address, and the version")] = False,
 ) -> Asked:
-    """The map of the query. Raises LimitError."""
+    """Return the map of the query. Raises LimitError."""
     pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
         raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")

@@ -70,8 +70,9 @@ def submit_population(
     idempotency_key: IdempotencyKey = None,
     force: Annotated[bool, Query(description="compute it although an identical population is there")] = False,
 ) -> PopulationDetail:
-    """Accept a population and compute it in the background as a survey is: `POST /v1/surveys` says what identical ones
-    and idempotency keys are answered with.
+    """Accept a population and compute it in the background as a survey is.
+
+    `POST /v1/surveys` says what identical ones and idempotency keys are answered with.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     tell_of_acceptance(response, job, KIND)

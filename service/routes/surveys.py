@@ -47,14 +47,14 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: Kind) -> None:
 
 
 def page_of(front: Front, kind: Kind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
-    """One page of a list, newest first, how many there are in all, and the cursor of the next page."""
+    """Return one page of a list, newest first, how many there are in all, and the cursor of the next page."""
     jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
     page = jobs[:limit]
     return page, count, str(page[-1].number) if len(jobs) > limit else None
 
 
 def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
-    """The first failed cells of a survey or a population, with their messages."""
+    """Return the first failed cells of a survey or a population, with their messages."""
     return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
 
 
@@ -138,7 +138,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declared(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """A survey that was successful, was dismissed, or failed and may succeed now, waits and runs again.
+    """Return a survey that was successful, was dismissed, or failed and may succeed now, waits and runs again.
 
     Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile. Only the key
     that submitted a survey may ask for this.
@@ -161,8 +161,10 @@ def describe(
     survey_id: SurveyId,
     body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
 ) -> SurveyDetail:
-    """At any time, by the key that submitted it. What is left out stays as it is; so does the store, which keeps the
-    name that it was submitted with, and identical surveys are found whatever they are called.
+    """Return at any time, by the key that submitted it.
+
+    What is left out stays as it is; so does the store, which keeps the name that it was submitted with, and identical
+    surveys are found whatever they are called.
     """
     return _detail(front, describe_survey(front, caller, survey_id, body))
 
@@ -174,7 +176,7 @@ def describe(
     responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
 )
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
-    """A dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
+    """Return a dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
 
     Every key may read every survey; only the key that submitted one may remove it.
     """

@@ -63,10 +63,12 @@ class AnyTagMiddleware:
 
 
 def json_answer(request: Request, document: BaseModel, modified: str | None = None) -> Response:
-    """A document with the hash of its bytes as ETag, or 304.
+    """Return a document with the hash of its bytes as ETag, or 304.
 
-    Args:
-        modified: ISO 8601, since when it has been as it is; None if it may change more than once a second.
+    Parameters
+    ----------
+    modified : str | None
+        ISO 8601, since when it has been as it is; None if it may change more than once a second.
     """
     body = document.model_dump_json().encode()
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
@@ -87,12 +89,12 @@ async def function_of_query(request: Request, response: Response) -> None:
 
 
 def picture_tag(*parts: object) -> str:
-    """A weak ETag: pictures with it show the same, though perhaps with a tile more."""
+    """Return a weak ETag: pictures with it show the same, though perhaps with a tile more."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
 def is_known(request: Request, headers: Mapping[str, str]) -> bool:
-    """Whether the client says that it has the representation with these headers."""
+    """Return whether the client says that it has the representation with these headers."""
     if (tags := request.headers.get("if-none-match")) is not None:
         return _opaque(headers["ETag"]) in {_opaque(tag) for tag in tags.split(",")}
     try:

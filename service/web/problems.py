@@ -107,7 +107,7 @@ def problem_response(
     field_errors: Iterable[FieldError] = (),
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """The answer for one error, always valid JSON, whatever text the request smuggled into it."""
+    """Return the answer for one error, always valid JSON, whatever text the request smuggled into it."""
     problem = Problem(
         title=HTTPStatus(status).phrase,
         status=status,
@@ -192,7 +192,7 @@ def _on_known_error(request: Request, error: Exception) -> Response:
 
 
 def answer(request: Request, error: Exception) -> Response:
-    """The problem document of an error that was raised before any route."""
+    """Return the problem document of an error that was raised before any route."""
     return (_on_http_exception if isinstance(error, HTTPException) else _on_known_error)(request, error)
 
 

@@ -25,8 +25,9 @@ class Edges(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """The edges of some components (k,) in a part of a grid: number (k,) of pairs, on (k, curves) of those between
-    which each curve passes.
+    """The edges of some components (k,) in a part of a grid.
+
+    Number (k,) of pairs, on (k, curves) of those between which each curve passes.
     """
 
     component: np.ndarray
@@ -37,8 +38,8 @@ class Ends(NamedTuple):
 def ends_in(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
 ) -> Ends:
-    """The edges between the cells of a part of a grid with so many columns, whose axes rise, and the next ones along δ
-    and ε.
+    """Return the edges between the cells of a part of a grid with so many columns, whose axes rise, and the next ones
+    along δ and ε.
 
     cell, component (rows,): the attractors of the part and of these next ones, component −1: undecided. A cell without
     a single attractor was not computed, and one with undecided samples may have what it does not list: pairs with these
@@ -74,7 +75,10 @@ def ends_in(
 
 
 def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
-    """The edges of the families of a survey from those in its parts; family: of each component, which indexes it."""
+    """Return the edges of the families of a survey from those in its parts.
+
+    Family: of each component, which indexes it.
+    """
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)
     for part in parts:
@@ -85,7 +89,7 @@ def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, name
 
 
 def _concerned(table: FamilyTable, name: str) -> np.ndarray:
-    """Whether a curve makes or ends motions of these families' labels; chaos has none."""
+    """Return whether a curve makes or ends motions of these families' labels; chaos has none."""
     known = labels_of(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

@@ -74,8 +74,14 @@ class Explanation:
 def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None) -> Explanation:
     """Explain the boundaries between the cells of an open survey, finished or not.
 
-    families: its group of that name, if it has one. most_curves: how many curves of other than period-one motions may
-    be computed. Raises SurveyError.
+    Raises SurveyError.
+
+    Parameters
+    ----------
+    most_curves : int
+        How many curves of other than period-one motions may be computed.
+    families : xr.Dataset | None
+        Its group of that name, if it has one.
     """
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
@@ -138,7 +144,7 @@ class _Search:
                     yield n, reason
 
     def counted(self) -> Iterator[Known]:
-        """The curves with the number of pairs that each explains."""
+        """Yield the curves with the number of pairs that each explains."""
         for item in self.known:
             here = np.flatnonzero(item.crosses)
             own = np.array([bool(item.labels.intersection(self.changes[n])) for n in here], bool)
@@ -151,7 +157,7 @@ class _Search:
         return self.pairs.region & np.any(bounds, axis=0)
 
     def uncovered(self, n: int) -> list[Label]:
-        """The attractors that change between a pair and that no curve there concerns.
+        """Return the attractors that change between a pair and that no curve there concerns.
 
         Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
         """

@@ -46,8 +46,9 @@ class Grid:
     """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
-        """Read what is compared; families: the group of that name. Raises SurveyError if the survey has neither regions
-        nor attractors.
+        """Read what is compared; families: the group of that name.
+
+        Raises SurveyError if the survey has neither regions nor attractors.
         """
         self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
         self.beta = surveyed_model(dataset).beta
@@ -68,7 +69,7 @@ class Grid:
             raise SurveyError("nothing to explain: ask for a survey with region or attractors")
 
     def differing(self) -> Pairs:
-        """The neighbours that differ, both of them computed."""
+        """Return the neighbours that differ, both of them computed."""
         found = []
         for step in ((0, 1), (1, 0)):
             here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))
@@ -90,7 +91,7 @@ class Grid:
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
-        """The labels of motions that are in one of two cells only, as far as families tell, whether or not a sample
+        """Return the labels of motions that are in one of two cells only, as far as families tell, whether or not a sample
         went to them; None without families.
         """
         if self.families is None:
@@ -103,7 +104,7 @@ class Grid:
         return bool(epsilon < quiet_limit(delta))
 
     def attractors(self, cell: np.ndarray) -> list[Attractor]:
-        """The attractors of one cell (i, j), by falling fraction."""
+        """Return the attractors of one cell (i, j), by falling fraction."""
         columns = (*self.slots, *self.states)
         rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
         found = [
@@ -132,7 +133,7 @@ class _Families:
             self.entered.setdefault((i, j), set()).add(number)
 
     def at(self, cell: np.ndarray, is_quiet: bool) -> set[int]:
-        """The families of a cell (i, j)."""
+        """Return the families of a cell (i, j)."""
         i, j = int(cell[0]), int(cell[1])
         listed = {int(number) for number in self.slots[:, i, j] if number >= 0}
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
@@ -155,6 +156,6 @@ def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:
 
 
 def name_of(label: Label) -> str:
-    """How an attractor is written."""
+    """Return how an attractor is written."""
     kind, m, n_plus, n_minus = label
     return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

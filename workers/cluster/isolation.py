@@ -27,8 +27,10 @@ def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -
 
     A cell that kills it has status 3 and a message that names the signal, like any other cell that fails.
 
-    Args:
-        memory: bytes of data that the process may have; a cell that needs more fails.
+    Parameters
+    ----------
+    memory : int | None
+        Bytes of data that the process may have; a cell that needs more fails.
     """
     return compute_tile(request, tile, outcomes=_outcomes(request, tile, memory))
 

@@ -29,12 +29,17 @@ def refined(
     Blocks between frames; for a thread of its own. Nothing of it is left on the cluster when it ends or is closed, but
     for parts at work, of half a second or so.
 
-    Args:
-        should_stop: asked several times a second; after a stop there are no more frames.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool]
+        Asked several times a second; after a stop there are no more frames.
 
-    Raises:
-        SurveyError: there is no such map, or a part of it cannot be computed.
-        ClusterLostError: the cluster is gone.
+    Raises
+    ------
+    SurveyError
+        There is no such map, or a part of it cannot be computed.
+    ClusterLostError
+        The cluster is gone.
     """
     work = _Work(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
@@ -68,7 +73,7 @@ class _Work(InFlight[Part, PartValues]):
         self._cells, self._seconds = 0, 0.0
 
     def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[Part]:
-        """The parts of a level, of so many cells as take the time of a part by what was measured before it."""
+        """Yield the parts of a level, of so many cells as take the time of a part by what was measured before it."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)

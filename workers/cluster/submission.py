@@ -82,9 +82,13 @@ class Submission(InFlight[Attempt, Found]):
 
     def repeat_late_tiles(self, again: bool) -> int:
         """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts.
+
         Return how many.
 
-        again: also those that have been repeated; they may only be slow, and others would wait for the workers.
+        Parameters
+        ----------
+        again : bool
+            Also those that have been repeated; they may only be slow, and others would wait for the workers.
         """
         late_since = time.monotonic() - max(LATE_SECONDS, LATE_FACTOR * self._longest)
         attempts = Counter(each.work.tile.index for each in self.in_flight.values())
@@ -112,8 +116,9 @@ class Submission(InFlight[Attempt, Found]):
             self._again_apart(task.work.tile)
 
     def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
-        """Return the record of the next tile that ends, or a tile of which a part is computed now; None if there is
-        neither in this time.
+        """Return the record of the next tile that ends, or a tile of which a part is computed now.
+
+        None if there is neither in this time.
         """
         if (ended := self.next_ended(seconds)) is None:
             return None

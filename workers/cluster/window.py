@@ -78,9 +78,12 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
     All else is as in `request`, what it has by default too, but for the tile, the default one; nothing is proved.
 
-    Raises:
-        ParameterError: the window or its pixels are no numbers, or out of range.
-        SurveyError: the window is empty, outside the plane or too narrow.
+    Raises
+    ------
+    ParameterError
+        The window or its pixels are no numbers, or out of range.
+    SurveyError
+        The window is empty, outside the plane or too narrow.
     """
     axes = {}
     try:
@@ -123,7 +126,7 @@ class Grid:
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[Part, ...]:
-        """The cells of a level that no level before has, as one or two parts."""
+        """Return the cells of a level that no level before has, as one or two parts."""
         step = 2**level
         if level == self.levels[0]:
             return (Part(slice(0, None, step), slice(0, None, step)),)

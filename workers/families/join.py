@@ -35,7 +35,7 @@ Rows = TypeVar("Rows", Attractors, Border)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether a survey, whose tiles are all there, is still to be joined."""
+    """Return whether a survey, whose tiles are all there, is still to be joined."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
@@ -45,9 +45,12 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
     The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
     which they came shows. A run that was killed meanwhile leaves a survey without families, which is joined anew.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     place = place_of(where)
     joins = [_Join(request, place, each, at_once, along) for along in request.slices]

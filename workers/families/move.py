@@ -20,11 +20,17 @@ from rattle.families import Rectangle
 def move_tile(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
 ) -> Mapping[str, str]:
-    """Move what is in the slots of a tile; one in which everything is in place is left as it is. Returns the digests of
-    its chunks, by their key.
+    """Move what is in the slots of a tile; one in which everything is in place is left as it is.
 
-    blocks: those that cover it; known: the digests of its chunks before. A tile that a task before this was moving when
-    its worker died is neither as it was nor as it is to be: it is computed again.
+    Returns the digests of its chunks, by their key.
+
+    A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
+    computed again.
+
+    Parameters
+    ----------
+    blocks : Sequence[Block]
+        Those that cover it; known: the digests of its chunks before.
     """
     values = read_tile(request, path, tile, known)
     computed = values is not None

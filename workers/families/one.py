@@ -32,17 +32,22 @@ PER_CELL = {
 
 
 def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:
-    """One family of a survey that was computed with families, as a map over (epsilon, delta).
-
-    slice_number: of a survey with a third axis, from 0: each slice has families of its own.
+    """Return one family of a survey that was computed with families, as a map over (epsilon, delta).
 
     fraction, with its upper bound: NaN where the family is not; 0 where its orbit exists and no sample went to it.
     phase, velocity: a point of it; lyapunov and, of a periodic one, multiplier, the size of each (exponent, …);
     attractors: how many of them the cell has, whose shares are added and of which the largest is told. Attributes: its
     row of the group `families`.
 
-    Raises:
-        SurveyError: there is no survey, it has no families, or none of this number, or no such slice.
+    Parameters
+    ----------
+    slice_number : int | None
+        Of a survey with a third axis, from 0: each slice has families of its own.
+
+    Raises
+    ------
+    SurveyError
+        There is no survey, it has no families, or none of this number, or no such slice.
     """
     return family_of(lambda group: open_survey(path_or_url, group), str(path_or_url), number, slice_number)
 
@@ -50,8 +55,9 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
 def family_of(
     opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
 ) -> xr.Dataset:
-    """The same of a survey that is told of by its name, and that `opened` opens, or a group of it. Raises as
-    `open_family`.
+    """Return the same of a survey that is told of by its name, and that `opened` opens, or a group of it.
+
+    Raises as `open_family`.
     """
     import xarray as xr
 

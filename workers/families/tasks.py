@@ -78,8 +78,9 @@ class Told(NamedTuple):
 def enter(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
-    """What enters a block from its own attractors and those around it; or, after it has entered, from orbits beside it
-    that are new.
+    """What enters a block from its own attractors and those around it.
+
+    Or, after it has entered, from orbits beside it that are new.
     """
     columns = request.shape[1]
     cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
@@ -97,8 +98,9 @@ def enter(
 
 
 def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors) -> Connected:
-    """Join the attractors of a block with each other and with those that follow it; entered: what entered the block,
-    beside: what entered these. Keeps the component of each.
+    """Join the attractors of a block with each other and with those that follow it.
+
+    Entered: what entered the block, beside: what entered these. Keeps the component of each.
     """
     place, columns = place_of(path), request.shape[1]
     frame = with_rim(block.cells, request.shape, before=0)
@@ -133,8 +135,14 @@ def tell(
     beyond: Border,
     crossings: Sequence[Crossings],
 ) -> Told:
-    """Tell what a block has of the components of the survey; component: these, of its own and −1. beyond: of the
-    attractors that follow it.
+    """Tell what a block has of the components of the survey.
+
+    Component: these, of its own and −1.
+
+    Parameters
+    ----------
+    beyond : Border
+        Of the attractors that follow it.
     """
     place = place_of(path)
     found = attractors_in(request, place, block.cells, block.along)
@@ -149,8 +157,9 @@ def tell(
 def write_families(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
 ) -> str:
-    """Write the families of a block, and keep the slots of its attractors; family, slot: of each of its components and
-    −1, slot −1: none in all cells. Returns the digest of what was written.
+    """Write the families of a block, and keep the slots of its attractors.
+
+    Family, slot: of each of its components and −1, slot −1: none in all cells. Returns the digest of what was written.
     """
     place, cells = place_of(path), block.cells
     found = attractors_in(request, place, cells, block.along)
@@ -177,8 +186,9 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
 
 
 def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """The attractors of a block in their order, their components in it, and whether its tiles list them; found: those
-    that they list.
+    """The attractors of a block in their order, their components in it, and whether its tiles list them.
+
+    Found: those that they list.
     """
     table = together(found.attractors, entered)
     order = in_order(table)

@@ -24,8 +24,10 @@ PANELS = {
 def survey_figure(dataset: xr.Dataset) -> Figure:
     """Draw a survey, finished or not: a panel each for regions, quiet fraction and largest Lyapunov exponent.
 
-    Raises:
-        SurveyError: the survey has none of the three.
+    Raises
+    ------
+    SurveyError
+        The survey has none of the three.
     """
     model = surveyed_model(dataset)
     panels = [name for name in PANELS if name in dataset]

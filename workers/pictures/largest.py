@@ -1,5 +1,7 @@
-"""The families of a survey as maps: the largest one of each cell, as codes with names and colours, and the share of
-one. They follow from what the store holds, when they are read, a band of rows after the other.
+"""The families of a survey as maps.
+
+The largest one of each cell, as codes with names and colours, and the share of one. They follow from what the store
+holds, when they are read, a band of rows after the other.
 """
 
 from __future__ import annotations
@@ -36,11 +38,14 @@ LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """An open survey, or this slice of it; with its families as maps if one of them is what is asked for.
-
-    opened: opens the survey, or a group of it.
+    """Return an open survey, or this slice of it; with its families as maps if one of them is what is asked for.
 
     Raises SurveyError: no slice is meant; there are no families, or too many cells.
+
+    Parameters
+    ----------
+    opened : Callable[[str | None], xr.Dataset]
+        Opens the survey, or a group of it.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -55,7 +60,10 @@ def open_maps(
 
 
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
-    """A survey, or a slice of it, with two more variables: LARGEST (among, epsilon, delta) and SHARE (family, …)."""
+    """Return a survey, or a slice of it, with two more variables.
+
+    LARGEST (among, epsilon, delta) and SHARE (family, …).
+    """
     with reading("the families"):
         names, colours = names_of(survey, table), colours_of(table)
     if len(names) > OTHERS - 1:
@@ -92,7 +100,7 @@ def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[
 
 
 def colours_of(table: xr.Dataset) -> list[str]:
-    """The colours of the first families: those of their motions, and of a motion's second family another one."""
+    """Return the colours of the first families: those of their motions, and of a motion's second family another one."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -101,10 +109,14 @@ def colours_of(table: xr.Dataset) -> list[str]:
 
 
 def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
-    """The family, `first` or a later one, with the largest share of the samples of each cell; −1: none has any.
+    """Return the family, `first` or a later one, with the largest share of the samples of each cell; −1: none has any.
 
-    family, share: (slots, …), family −1 where a slot has none. Slots of one family are added; of equal shares the lower
-    number wins.
+    Slots of one family are added; of equal shares the lower number wins.
+
+    Parameters
+    ----------
+    family, share : np.ndarray
+        (slots, …), family −1 where a slot has none.
     """
     share = np.where(family >= first, np.nan_to_num(share), 0.0)
     best, most = np.full(family.shape[1:], -1, np.int32), np.zeros(family.shape[1:])

@@ -1,5 +1,6 @@
-"""What a picture shows of a survey that has more cells than the picture has room for: of cells that become one, what is
-rare among them. So no island is lost, however small it becomes.
+"""What a picture shows of a survey that has more cells than the picture has room for.
+
+Of cells that become one, what is rare among them. So no island is lost, however small it becomes.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ class Part:
 
 
 def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Part:
-    """The finest of these levels in which a window, from its first cells to its end, has no more cells than there is
-    room for; the coarsest if it has more in all. None stands for the map itself.
+    """Return the finest of these levels in which a window, from its first cells to its end, has no more cells than there
+    is room for; the coarsest if it has more in all. None stands for the map itself.
     """
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
@@ -77,8 +78,9 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
 
 
 def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
-    """As `reduce.codes` makes the last of all its levels, whose cells have so many rows: a band after the other, for it
-    takes hundreds of bytes a cell.
+    """As `reduce.codes` makes the last of all its levels, whose cells have so many rows.
+
+    A band after the other, for it takes hundreds of bytes a cell.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
@@ -108,11 +110,17 @@ def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, 
 
 
 def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
-    """An open survey, or a slice of it, with one map alone, in so few cells that a picture has room for them.
+    """Return an open survey, or a slice of it, with one map alone, in so few cells that a picture has room for them.
 
-    opened: of the same survey or slice; without levels in the store the map is read in whole.
+    Parameters
+    ----------
+    opened : OpenGroup | None
+        Of the same survey or slice; without levels in the store the map is read in whole.
 
-    Raises SurveyError: there is no such map, or it cannot be read.
+    Raises
+    ------
+    SurveyError
+        : there is no such map, or it cannot be read.
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]

@@ -62,16 +62,16 @@ class Look:
     caption: str = ""
 
     def cut(self, dataset: xr.Dataset) -> xr.Dataset:
-        """The cells of a survey that the window shows, and those around them."""
+        """Return the cells of a survey that the window shows, and those around them."""
         windows = {"delta": self.delta, "epsilon": self.epsilon}
         return dataset.isel({axis: _around(dataset[axis].values, *at) for axis, at in windows.items() if at})
 
     def with_caption(self, caption: str) -> Look:
-        """The same, with this written below."""
+        """Return the same, with this written below."""
         return replace(self, caption=caption)
 
     def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
-        """The scale of the colours of these values, which pictures have on this one."""
+        """Return the scale of the colours of these values, which pictures have on this one."""
         from matplotlib.colors import LogNorm, Normalize
 
         low, high, _ = limits_of(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)

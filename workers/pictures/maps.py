@@ -102,11 +102,15 @@ def map_picture(
 ) -> bytes:
     """Return the picture of `map_figure` as a file; the other arguments are those of that.
 
-    Args:
-        form: what is returned, a PNG, an SVG or a PDF file.
+    Parameters
+    ----------
+    form : Form
+        What is returned, a PNG, an SVG or a PDF file.
 
-    Raises:
-        SurveyError: as `map_figure`.
+    Raises
+    ------
+    SurveyError
+        As `map_figure`.
     """
     figure = map_figure(dataset, variable, index, opened, look, over)
     with BytesIO() as file:
@@ -126,16 +130,24 @@ def map_figure(
 
     Of more cells than there are pixels, cells become one, and what is rare among these is shown.
 
-    Args:
-        variable: any variable over (epsilon, delta).
-        index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
-        opened: opens a level of the survey, which is faster than to read all cells.
-        look: a part of the plane, its colours and lines, by default as all pictures have them; with a family the survey
-            has its families as maps.
-        over: what was found beforehand, to be drawn over it.
+    Parameters
+    ----------
+    variable : str
+        Any variable over (epsilon, delta).
+    index : int
+        Which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
+    opened : OpenGroup | None
+        Opens a level of the survey, which is faster than to read all cells.
+    look : Look
+        A part of the plane, its colours and lines, by default as all pictures have them; with a family the survey has
+        its families as maps.
+    over : Over
+        What was found beforehand, to be drawn over it.
 
-    Raises:
-        SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.
+    Raises
+    ------
+    SurveyError
+        The survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
     if look.delta or look.epsilon:
         dataset, opened = look.cut(dataset), None  # levels are of all cells
@@ -212,13 +224,19 @@ def draw_map(
 ) -> None:
     """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
 
-    Args:
-        nothing: what it means that a computed cell has no value; by default in the words of `without_value`.
-        look: its window, and what its colours span.
-        finer: cells that are drawn over those of the survey.
+    Parameters
+    ----------
+    nothing : str
+        What it means that a computed cell has no value; by default in the words of `without_value`.
+    look : Look
+        Its window, and what its colours span.
+    finer : Finer | None
+        Cells that are drawn over those of the survey.
 
-    Raises:
-        SurveyError: its axes reach too far to be drawn.
+    Raises
+    ------
+    SurveyError
+        Its axes reach too far to be drawn.
     """
     reach = max(float(np.abs(dataset[axis].values).max()) for axis in ("delta", "epsilon"))
     if reach > FARTHEST_DRAWN:
@@ -316,7 +334,7 @@ def _extend(norm: Normalize, values: np.ndarray) -> str:
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Whether a key has a code: of families, and of the regions beside the paper's, those that are there."""
+    """Return whether a key has a code: of families, and of the regions beside the paper's, those that are there."""
     always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
     return always or bool((values == code).any())
 

@@ -123,12 +123,12 @@ class GearNumbers(_Numbers):
 
 
 def meant(value: Any) -> Any:
-    """A number, or the distribution that is meant. Raises ParameterError."""
+    """Return a number, or the distribution that is meant. Raises ParameterError."""
     return getattr(value, "meant", value)
 
 
 def described(value: Any) -> Any:
-    """A number as it is, a distribution as a request has it."""
+    """Return a number as it is, a distribution as a request has it."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

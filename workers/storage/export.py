@@ -26,7 +26,9 @@ OWN_ROWS = {Form.ATTRACTORS: ("attractor", "attractor_kind"), Form.ORBITS: ("orb
 def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
     """Write an open survey, as it is stored, as NetCDF 4 that keeps the CF conventions, with groups by their paths.
 
-    Returns:
+    Returns
+    -------
+    IO[bytes]
         The file, open at its beginning. It has no name any more: it is gone when it is closed, whatever happens.
     """
     rows = _rows(dataset)
@@ -74,7 +76,7 @@ def _read(values: xr.DataArray, rows: int) -> None:
 
 
 def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
-    """The variables that a table has. Raises SurveyError if the survey has none of this form."""
+    """Return the variables that a table has. Raises SurveyError if the survey has none of this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
     def belongs(dims: tuple[Hashable, ...]) -> bool:
@@ -87,8 +89,9 @@ def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
 
 
 def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, np.ndarray]]:
-    """The table of an open survey, as it is stored, in bands: columns by their names, δ running first, then ε, then a
-    third axis.
+    """Yield the table of an open survey, as it is stored, in bands.
+
+    Columns by their names, δ running first, then ε, then a third axis.
 
     Of a tidy form only entries that are one have a row, and what has a number or a name besides, as of an exponent, is
     a column for each.
@@ -142,7 +145,7 @@ def _tidy(
 
 
 def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
-    """A table as lines of CSV."""
+    """Yield a table as lines of CSV."""
     for number, columns in enumerate(tables(dataset, form)):
         if number == 0:
             yield ",".join(columns) + "\r\n"
@@ -152,9 +155,12 @@ def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
 
 
 def write_parquet(dataset: xr.Dataset, form: Form = Form.CELLS) -> IO[bytes]:
-    """A table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
+    """Return a table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
 
-    Raises MissingExtraError without pyarrow.
+    Raises
+    ------
+    MissingExtraError
+        Without pyarrow.
     """
     try:
         import pyarrow

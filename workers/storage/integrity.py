@@ -55,9 +55,12 @@ class Integrity:
 def examine(where: str | Path | Place) -> Integrity:
     """Read every file of a survey's store. A chunk that is not there is lost once the survey was completed.
 
-    Raises:
-        SurveyError: there is no survey, or too much of it is damaged to know which it was.
-        StorageError: the object store fails.
+    Raises
+    ------
+    SurveyError
+        There is no survey, or too much of it is damaged to know which it was.
+    StorageError
+        The object store fails.
     """
     place = place_of(where)
     if not place.occupied():
@@ -85,8 +88,10 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
     """Return how many chunks were decoded, and which files are lost or cannot be decoded, of a store without a manifest
     that this version can read.
 
-    Raises:
-        SurveyError: its metadata cannot be read.
+    Raises
+    ------
+    SurveyError
+        Its metadata cannot be read.
     """
     version = attributes["code_version"]
     is_ours = version == code_version()  # then every chunk has a file
@@ -124,12 +129,17 @@ def examine_tiles(
 ) -> tuple[set[int], dict[int, tuple[str, ...]]]:
     """Return which tiles are computed and whole, and which are damaged, with the variables.
 
-    Args:
-        should_stop: asked at each tile.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool] | None
+        Asked at each tile.
 
-    Raises:
-        StoppedError: because `should_stop` said so.
-        SurveyError, StorageError: as `examine`.
+    Raises
+    ------
+    StoppedError
+        Because `should_stop` said so.
+    SurveyError, StorageError
+        As `examine`.
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:

@@ -37,15 +37,15 @@ class Directory:
         return self.path
 
     def occupied(self) -> bool:
-        """Whether anything is here."""
+        """Return whether anything is here."""
         return self.path.exists() and not (self.path.is_dir() and next(self.path.iterdir(), None) is None)
 
     def exists(self) -> bool:
-        """Whether a whole store is here."""
+        """Return whether a whole store is here."""
         return (self.path / ROOT).exists()
 
     def deletion_begun(self) -> bool:
-        """Whether a deletion was begun and has not ended: never, it begins by renaming."""
+        """Return whether a deletion was begun and has not ended: never, it begins by renaming."""
         return False
 
     def read(self, key: str) -> bytes:
@@ -94,9 +94,12 @@ class Directory:
     def writing(self) -> Iterator[None]:
         """Hold the store for one run; the system releases it even if the process is killed.
 
-        Raises:
-            StorageError: it cannot be written now.
-            SurveyError: another run holds it: two would sweep each other's files. Or it is not there.
+        Raises
+        ------
+        StorageError
+            It cannot be written now.
+        SurveyError
+            Another run holds it: two would sweep each other's files. Or it is not there.
         """
         try:
             held = (self.path / LOCK).open("ab")

@@ -30,9 +30,12 @@ Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 def read(place: Place, key: str) -> bytes | None:
     """Return a file; None if it is not there, or the disk cannot read it.
 
-    Raises:
-        SurveyError: it may not be read: nobody may take that for lost.
-        StorageError: the object store fails.
+    Raises
+    ------
+    SurveyError
+        It may not be read: nobody may take that for lost.
+    StorageError
+        The object store fails.
     """
     try:
         return place.read(key)
@@ -58,9 +61,12 @@ _parsed = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
 def known_manifest(place: Place) -> Manifest:
     """Return the manifest of a store.
 
-    Raises:
-        StorageError: the store is gone.
-        SurveyError: there is no survey, or its manifest is damaged.
+    Raises
+    ------
+    StorageError
+        The store is gone.
+    SurveyError
+        There is no survey, or its manifest is damaged.
     """
     if (manifest := manifest_of(place)) is None:
         require_there(place)
@@ -96,9 +102,12 @@ def whole_root(place: Place, manifest: Manifest) -> bytes | None:
 def attributes_of(place: Place) -> dict[str, Any]:
     """Return what the root says.
 
-    Raises:
-        StorageError: it cannot be read now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be read now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     return dict(json.loads(_root(place, known_manifest(place)))["attributes"])
 
@@ -110,9 +119,12 @@ def noting(place: Place) -> Iterator[Note]:
     The caller holds the store, and changes nothing else of its manifest meanwhile. A kill loses the tiles that the
     manifest on the disk does not have yet, a two-hundredth at most; they are computed again.
 
-    Raises:
-        StorageError: it cannot be written now, or the store is gone.
-        SurveyError: there is no survey, or its manifest is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now, or the store is gone.
+    SurveyError
+        There is no survey, or its manifest is damaged.
     """
     before = known_manifest(place)
     manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
@@ -145,9 +157,12 @@ def noting(place: Place) -> Iterator[Note]:
 def tell(place: Place, told: Mapping[str, Any]) -> None:
     """Let the root say this besides; None: it says no more of it. The caller holds the store.
 
-    Raises:
-        OSError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    OSError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     manifest = known_manifest(place)
     root = _root(place, manifest)
@@ -168,14 +183,21 @@ def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
 def describe(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
     """Add files to a store, and take others from its metadata: they appear and vanish with the root.
 
-    Args:
-        added: the files to write, by their key.
-        there: the digests of chunks that are there already.
-        is_removed: whether a file that the manifest knows is no longer part of the store.
+    Parameters
+    ----------
+    added : Template
+        The files to write, by their key.
+    there : Mapping[str, str]
+        The digests of chunks that are there already.
+    is_removed : Callable[[str], bool]
+        Whether a file that the manifest knows is no longer part of the store.
 
-    Raises:
-        OSError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    OSError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     manifest = known_manifest(place)
     root = _root(place, manifest)
@@ -195,8 +217,9 @@ def describe(place: Place, added: Template, there: Mapping[str, str], is_removed
 
 
 def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
-    """Write a root, and the manifest that is true with it: `before` is true until then. At every instant the root is
-    one that the manifest knows. Raises OSError.
+    """Write a root, and the manifest that is true with it: `before` is true until then.
+
+    At every instant the root is one that the manifest knows. Raises OSError.
     """
     new = digest(ROOT, root)
     place.put(MANIFEST, replace(before, root=(*before.root, new)).to_bytes())

@@ -65,12 +65,17 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
     Whatever else is there is left as it is. The store appears at once and whole. Of a survey's own store, what tiles do
     not write to, its metadata first of all, is made again if any of it is damaged. Numbers of cells are not touched.
 
-    Args:
-        make: as `template_of`, which is the default: to compute elsewhere what takes long.
+    Parameters
+    ----------
+    make : Make | None
+        As `template_of`, which is the default: to compute elsewhere what takes long.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: something else is there, or it cannot be written, or another run writes to what is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        Something else is there, or it cannot be written, or another run writes to what is damaged.
     """
     place, make = place_of(where), make or template_of
     try:
@@ -149,9 +154,12 @@ def tiles_done(
 
     Every chunk is read, for its checksum; `should_stop` is asked at each tile.
 
-    Raises:
-        SurveyError: this survey is not there.
-        StoppedError: because `should_stop` said so.
+    Raises
+    ------
+    SurveyError
+        This survey is not there.
+    StoppedError
+        Because `should_stop` said so.
     """
     place = place_of(where)
     _require_same(request, place)
@@ -167,12 +175,16 @@ def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
 
 
 def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Write every variable of a tile. It is computed once the digests of its chunks, which this returns by their key,
-    are in the manifest.
+    """Write every variable of a tile.
 
-    Raises:
-        StorageError: it cannot be written now, or the store is gone: with its disk, or by a deletion.
-        SurveyError: the tile or a shape is not a chunk of the store, or the store is of another survey.
+    It is computed once the digests of its chunks, which this returns by their key, are in the manifest.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now, or the store is gone: with its disk, or by a deletion.
+    SurveyError
+        The tile or a shape is not a chunk of the store, or the store is of another survey.
     """
     require_aligned(request, tile)
     place = _place(path, request)
@@ -195,9 +207,12 @@ def _place(path: str, request: AnyRequest) -> Place:
 def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str, str]) -> dict[str, np.ndarray] | None:
     """Read every variable of a computed tile; None if it is damaged. known: the digests of its chunks, by their key.
 
-    Raises:
-        StorageError: it cannot be read now.
-        SurveyError: the store is of another survey, or may not be read.
+    Raises
+    ------
+    StorageError
+        It cannot be read now.
+    SurveyError
+        The store is of another survey, or may not be read.
     """
     contents = _contents(request, _place(path, request), tile)
     return _decoded(request, tile, contents) if digests(contents) == known else None
@@ -249,9 +264,12 @@ def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 def finish_store(where: str | Path | Place) -> None:
     """Finish a survey whose tiles are all done: sweep what killed writers left, date it, consolidate. Idempotent.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, tiles are missing, or a run still writes to it.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, tiles are missing, or a run still writes to it.
     """
     place = place_of(where)
     manifest = known_manifest(place)
@@ -271,28 +289,36 @@ def finish_store(where: str | Path | Place) -> None:
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
-    """Whether a group or a variable was added to a survey's store."""
+    """Return whether a group or a variable was added to a survey's store."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add what follows from all tiles: the files of `added`, and those that are there already, with their digests. They
-    appear with the root, which comes last, and are in the manifest as the template's are.
+    """Add what follows from all tiles: the files of `added`, and those that are there already, with their digests.
 
-    Raises:
-        OSError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    They appear with the root, which comes last, and are in the manifest as the template's are.
+
+    Raises
+    ------
+    OSError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     describe(place_of(where), added, there, lambda _: False)
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
-    """Take from a store what was added to it and would not be true of tiles that are computed anew: their slots are by
-    share until they are joined, and they have gone through one round of audits. The caller holds the store.
+    """Take from a store what was added to it and would not be true of tiles that are computed anew.
 
-    Raises:
-        StorageError: it cannot be written now.
+    Their slots are by share until they are joined, and they have gone through one round of audits. The caller holds the
+    store.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
     """
     try:
         if TOLD[-1] in said_by_root(place):
@@ -319,10 +345,12 @@ def _refined(place: Place) -> dict[str, int | float]:
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
-    """The values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
+    """Yield the values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
 
-    Raises:
-        SurveyError: the survey is damaged.
+    Raises
+    ------
+    SurveyError
+        The survey is damaged.
     """
     try:
         with place.reaching():
@@ -337,18 +365,23 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
 
 
 def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:
-    """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not; values are read when asked
-    for.
+    """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not.
+
+    Values are read when asked for.
 
     `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this
     one says what is wrong when there is no survey, and what it opens can be written again, in any chunks, with
     `to_netcdf` (which keeps the CF conventions) and `to_zarr`.
 
-    Args:
-        as_stored: leave complex variables in their two parts, which NetCDF can hold.
+    Parameters
+    ----------
+    as_stored : bool
+        Leave complex variables in their two parts, which NetCDF can hold.
 
-    Raises:
-        SurveyError: there is no survey, or it cannot be read.
+    Raises
+    ------
+    SurveyError
+        There is no survey, or it cannot be read.
     """
     import xarray as xr  # a third of a second, which no process that only computes has to wait for
 
@@ -372,7 +405,10 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
 
     Levels, which say nothing that cells do not, are opened one by one.
 
-    Raises SurveyError: they cannot be read.
+    Raises
+    ------
+    SurveyError
+        : they cannot be read.
     """
     import xarray as xr
 

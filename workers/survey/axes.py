@@ -27,7 +27,7 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 def require_visible(what: str, text: str, besides: str = "") -> str:
-    """Return a text; raise ValueError if it holds characters that nobody sees, such as controls of its direction.
+    """Return a text.
 
     Parameters
     ----------
@@ -37,6 +37,11 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
         The text.
     besides : str
         Characters that may be in it all the same, such as line breaks.
+
+    Raises
+    ------
+    ValueError
+        If it holds characters that nobody sees, such as controls of its direction.
     """
     for each in text:
         if not (each.isprintable() or each in besides or unicodedata.category(each) == "Zs"):

@@ -8,8 +8,9 @@ Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # δ, ε and piece of the 
 
 
 class Crossings(NamedTuple):
-    """Where a curve passes between neighbouring cells of a grid: rising numbers of cells, between which and the next
-    one along δ it passes, and along ε.
+    """Where a curve passes between neighbouring cells of a grid.
+
+    Rising numbers of cells, between which and the next one along δ it passes, and along ε.
     """
 
     delta: np.ndarray

@@ -42,7 +42,7 @@ class Variable:
     values: Callable[[Any], Any]
 
     def of(self, item: Any) -> np.ndarray:
-        """The values, in the stored type; empty for a missing curve."""
+        """Return the values, in the stored type; empty for a missing curve."""
         if isinstance(item, Missing):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)
@@ -151,7 +151,9 @@ def _column(points: Points, number: int) -> list[Any]:
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
-    """The plane that a map of these cells shows: half a cell more on each side, where δ is positive and ε not negative.
+    """Return the plane that a map of these cells shows.
+
+    Half a cell more on each side, where δ is positive and ε not negative.
 
     So a curve that crosses a cell, also one on the border, has points on both sides of it.
     """
@@ -169,7 +171,7 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=128)
 def traced(name: str, model: Model, window: Window) -> Curve | Missing:
-    """A curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
+    """Return a curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
     try:
         with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
             return model.trace(name, window.delta, window.epsilon)

@@ -100,8 +100,9 @@ def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
 
 
 def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
-    """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n): in
-    their order, whatever their slots, cells numbered row by row of the rectangle.
+    """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n).
+
+    In their order, whatever their slots, cells numbered row by row of the rectangle.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
@@ -135,8 +136,9 @@ def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:
-    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order: so
-    empty ones stay as they are.
+    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order.
+
+    So empty ones stay as they are.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
     np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
@@ -216,7 +218,10 @@ def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.
 def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
     """Return the files that families add to a store but the chunks of their numbers, by their key.
 
-    found: of each slice its families, and what EDGE_VARIABLES are read from.
+    Parameters
+    ----------
+    found : Mapping[Along, tuple[Joined, Any]]
+        Of each slice its families, and what EDGE_VARIABLES are read from.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)

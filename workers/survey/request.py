@@ -91,8 +91,9 @@ class InitialConditions(Strict):
 
 
 class TileShape(Strict):
-    """Cells along each axis of a tile; not given means 32, more in a survey of more than 100,000 cells, fewer in a
-    small one or with large samples.
+    """Cells along each axis of a tile.
+
+    Not given means 32, more in a survey of more than 100,000 cells, fewer in a small one or with large samples.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -343,11 +344,14 @@ class SurveyRequest(_Numbers):
         return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
 
     def along(self, number: int) -> Along:
-        """The place of a slice by its number, of the last one beyond; () without a third axis, whatever the number."""
+        """Return the place of a slice by its number, of the last one beyond.
+
+        () without a third axis, whatever the number.
+        """
         return (min(number, self.n_slices - 1),) if self.third else ()
 
     def at(self, place: Along) -> "SurveyRequest":
-        """A slice, with the sample, slots and tiles that all have."""
+        """Return a slice, with the sample, slots and tiles that all have."""
         if not place:
             return self
         values = {name: float(axis.values()[place[0]]) for name, axis in self.third_axis.items()}

@@ -18,9 +18,12 @@ if TYPE_CHECKING:
 def require_slice(third: Mapping[str, int], number: int | None) -> None:
     """Raise SurveyError unless this is the number of a slice.
 
-    Args:
-        third: the length of the third axis by its name, if there is one.
-        number: None of a survey without one.
+    Parameters
+    ----------
+    third : Mapping[str, int]
+        The length of the third axis by its name, if there is one.
+    number : int | None
+        None of a survey without one.
     """
     if not third and number is not None:
         raise SurveyError("this survey has no third axis: leave slice out")
@@ -66,7 +69,10 @@ def surveyed_model(dataset: xr.Dataset) -> Model:
 
     Surveys from before there were two models name none, older ones have parameters as attributes alone.
 
-    Raises SurveyError: it has a third axis.
+    Raises
+    ------
+    SurveyError
+        : it has a third axis.
     """
     require_slice(third_of(dataset), None)
     given: dict[str, Any] = {

@@ -62,8 +62,14 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
 
 
 def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
-    """Return a store that is kept in memory as the template of a request's: with its metadata consolidated, and its
-    manifest. chunks: each variable's key of chunks, with {row} and {column}.
+    """Return a store that is kept in memory as the template of a request's.
+
+    With its metadata consolidated, and its manifest.
+
+    Parameters
+    ----------
+    chunks : dict[str, str]
+        Each variable's key of chunks, with {row} and {column}.
     """
     consolidate(MemoryStore(kept))
     template = contents(kept)
@@ -146,8 +152,9 @@ def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
 
 
 def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
-    """Return the parameters that all cells of a slice have, and what they are: coordinates without a dimension, but for
-    a third axis.
+    """Return the parameters that all cells of a slice have, and what they are.
+
+    Coordinates without a dimension, but for a third axis.
     """
     return {each.name: (request.others[each.name], each.long_name) for each in MODELS[request.model].parameters()}
 

@@ -109,10 +109,14 @@ def compute_tile(
     A cell that fails has status 3, fill values elsewhere, and its message in the record; its neighbours are whole. A
     tile of a survey that is refined is computed in all its cells if one of them fails, or if they come from elsewhere.
 
-    Args:
-        outcomes: of the cells, row by row, if they come from elsewhere.
+    Parameters
+    ----------
+    outcomes : Iterable[CellOutcome] | None
+        Of the cells, row by row, if they come from elsewhere.
 
-    Returns:
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
         The arrays by variable name, in the dims and dtype of the registry, and the tile's record.
     """
     began = time.perf_counter()
@@ -154,7 +158,7 @@ def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
 
 
 def first_audit(request: SurveyRequest) -> Round:
-    """The first round of audits of a survey that is refined."""
+    """Return the first round of audits of a survey that is refined."""
     assert request.refine is not None
     return first_round(request.refine.audit, request.refine.bound, request.n_cells)
 
@@ -173,8 +177,10 @@ def cell_outcomes(
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell alone, row by row from number `first`, so that one which fails is the only one lost.
 
-    Args:
-        failing: failures of the machine that are a cell's failure here.
+    Parameters
+    ----------
+    failing : tuple[type[Exception], ...]
+        Failures of the machine that are a cell's failure here.
     """
     cells = cells_of(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):

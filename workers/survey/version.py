@@ -11,8 +11,9 @@ FOLDERS = ("survey", "populations")
 
 @cache
 def code_version() -> str:
-    """Return the version of the library with a digest of every source that decides what a cell holds: those of surveys
-    and of populations.
+    """Return the version of the library with a digest of every source that decides what a cell holds.
+
+    Those of surveys and of populations.
     """
     digest = sha256(rattle.source_hash().encode())
     for folder in FOLDERS:

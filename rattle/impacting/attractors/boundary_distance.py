@@ -93,7 +93,7 @@ class _Cells:
         self.undecided = np.full(n, np.inf)
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
-        """The first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
+        """Return the first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
         (tau, v), (x, y) = self.strip(self.v_max, 0), sobol(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
@@ -113,7 +113,10 @@ class _Cells:
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
-        """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
+        """Return whether states (k,) of these cells go to another attractor.
+
+        Chaotic is what is left in a cell with chaos.
+        """
         status = self.classifier.settled(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
@@ -211,8 +214,14 @@ class _Cells:
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: SpeedLimit = None
 ) -> BoundaryDistance:
-    """`Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast. A cell's values do not depend
-    on the other cells. Raises ParameterError.
+    """`Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast.
+
+    A cell's values do not depend on the other cells.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
@@ -239,8 +248,9 @@ def boundary_distances(
 
 @kernel
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
-    """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v). Each is followed
-    no further than its first preimage above `ceiling`; these and the parameters are arrays too.
+    """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v).
+
+    Each is followed no further than its first preimage above `ceiling`; these and the parameters are arrays too.
     """
     out_tau, out_v = tau.copy(), v.copy()
     for i in range(tau.size):

@@ -112,10 +112,15 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
+    """Return the attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
-    a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max). Raises ParameterError.
+    a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     sample = SampleSpec(count, v_max, seed, budget, tau, v_min)
     return of_samples(ImpactingClassifier, Parameters.of(ImpactingClassifier.model, delta, epsilon, beta), sample)

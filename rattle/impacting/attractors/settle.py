@@ -46,7 +46,7 @@ class Cells(NamedTuple):
 
 @inline
 def is_quiet(b, i, largest_invariant):
-    """True if the bounce of lane i, on Σ⁺, is certain to become quiet."""
+    """Return whether the bounce of lane i, on Σ⁺, is certain to become quiet."""
     force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
     return is_captured(-b.w[i], force, largest_invariant)
 
@@ -80,7 +80,7 @@ def finish(b, i, k, status, orbit, samples):
 
 @inline
 def recurs(b, i, k, samples):
-    """True if lane i is back at its reference; the impacts since then go to the sample."""
+    """Return whether lane i is back at its reference; the impacts since then go to the sample."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
     near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
@@ -126,8 +126,9 @@ def looked_round(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
-    impacts is UNRESOLVED.
+    """Follow the samples `which` until they end, with so many flights between two looks.
+
+    A sample that makes all its impacts is UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)

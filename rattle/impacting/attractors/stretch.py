@@ -32,8 +32,10 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 @kernel
 def fly(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each; sums (n, BATCHES, COLUMNS), zero
-    before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes (4, LANES) is worked in.
+    """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each.
+
+    Sums (n, BATCHES, COLUMNS), zero before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes
+    (4, LANES) is worked in.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0

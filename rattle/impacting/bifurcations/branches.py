@@ -79,24 +79,37 @@ class Branch(Followed):
         return tuple(pair[int(above)] for above in index > 0.0)  # 0 at saddle-nodes, finite at grazes
 
     def curve_of(self, event: Event) -> str | None:
-        """The curve of `rattle.curves` that an event is on, None if it is on none of them."""
+        """Return the curve of `rattle.curves` that an event is on, None if it is on none of them."""
         return name_of(event)
 
     def orbit(self, index: int) -> PeriodicOrbit:
-        """The motion at one point."""
+        """Return the motion at one point."""
         return orbit_of(*self.motion(index))
 
 
 def branch(
     orbit: PeriodicOrbit | Orbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """The branch of a periodic motion in one parameter, both ways from it.
+    """Return the branch of a periodic motion in one parameter, both ways from it.
 
-    orbit: one of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`. parameter: "epsilon" or "delta", and span its (low,
-    high), by default 0.02 either way, below δ = 0.25 in proportion less; or a direction (dδ, dε), and span the
-    multiples of it that may be added, by default −1 to 1. resolution: points over the span, at least. The branch
-    goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit is no
-    solution.
+    The branch goes on beyond grazes, where the motion does not happen.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit | Orbit
+        One of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
+    parameter : Parameter
+        "epsilon" or "delta", and span its (low, high), by default 0.02 either way, below δ = 0.25 in proportion less;
+        or a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1.
+    resolution : int
+        Points over the span, at least.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the orbit is no solution.
     """
     orbit = as_periodic(orbit)
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
@@ -111,7 +124,10 @@ def branch(
 def doubled(
     event: Event, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """The branch of period-doubled motions that leaves a flip (PD), from there; arguments and errors as `branch`."""
+    """Return the branch of period-doubled motions that leaves a flip (PD), from there.
+
+    Arguments and errors as `branch`.
+    """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
         raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
@@ -123,7 +139,9 @@ def doubled(
 
 
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
-    """The branches that meet at a graze (GR): of the motion that misses the wall, and of the one that touches it.
+    """Return the branches that meet at a graze (GR).
+
+    Of the motion that misses the wall, and of the one that touches it.
 
     Arguments and errors as `branch`.
     """
@@ -139,18 +157,27 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
 
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
-    """The branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`."""
+    """Return the branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`.
+    """
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
-    """What becomes of a motion on the straight way to other parameters: itself there, or the first event at which it
-    ceases to happen or its stability changes; None if neither can be found.
+    """What becomes of a motion on the straight way to other parameters.
+
+    Itself there, or the first event at which it ceases to happen or its stability changes; None if neither can be
+    found.
 
     Where Newton's method finds the motion there at once, close by and as stable, and from it this one here, nothing is
     looked for on the way.
-    Raises ParameterError, and RattleError if the orbit is no solution.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the orbit is no solution.
     """
     orbit = as_periodic(orbit)
     delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
@@ -170,7 +197,8 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Whether Newton's method leads from one motion to the other: next to a fold it may find a neighbour of it."""
+    """Return whether Newton's method leads from one motion to the other: next to a fold it may find a neighbour of it.
+    """
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 

@@ -15,8 +15,10 @@ MOST_DOUBLINGS = 8  # time grows by six with each
 def cascade(
     orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, doublings: int = 6
 ) -> tuple[Event, ...]:
-    """The period-doubling cascade of a stable motion as the parameter grows: the flip at which it loses stability, that
-    of the doubled motion and so on, for so many doublings, or up to the graze or saddle-node that ends a stable branch.
+    """Return the period-doubling cascade of a stable motion as the parameter grows.
+
+    The flip at which it loses stability, that of the doubled motion and so on, for so many doublings, or up to the
+    graze or saddle-node that ends a stable branch.
 
     Arguments and errors as `branch`.
     """

@@ -40,11 +40,24 @@ def trace(
     delta: tuple[float, float] = (0.3, 1.2),
     epsilon: tuple[float, float] = ALL_EPSILON,
 ) -> Curve:
-    """The bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
+    """Return the bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
 
-    name: one of `NAMES`, see `describe`. delta, epsilon: (low, high) of the window, dimensionless. Followed by
-    pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions to rounding
-    (`Curve`). Raises ParameterError, and RattleError where rounding keeps the curve from being followed.
+    Followed by pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions
+    to rounding (`Curve`).
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`, see `describe`.
+    delta, epsilon : tuple[float, float]
+        (low, high) of the window, dimensionless.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where rounding keeps the curve from being followed.
     """
     require_one_of("name", name, NAMES)
     beta = require_number("beta", beta, positive=True)
@@ -89,12 +102,17 @@ def bifurcation_curve(
     epsilon: tuple[float, float] = ALL_EPSILON,
     resolution: int = POINTS_ACROSS,
 ) -> Curve:
-    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic motion,
-    inside a window of the (δ, ε) plane.
+    """Return the saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic
+    motion, inside a window of the (δ, ε) plane.
 
     The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
     `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
-    the wall. Raises ParameterError.
+    the wall.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)

@@ -36,7 +36,7 @@ class ImpactingMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """One of each wherever they begin or end to exist."""
+        """Yield one of each wherever they begin or end to exist."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in runs(np.flatnonzero(exists)):
@@ -76,7 +76,7 @@ class ImpactingMotions(Motions):
         return found.events
 
     def beside(self, event: Event) -> Iterator[Motion]:
-        """The motion of the event and, at a graze, the one that misses the wall."""
+        """Yield the motion of the event and, at a graze, the one that misses the wall."""
         yield event.itinerary, event.unknowns
         if event.impact is not None:
             yield event.itinerary.without(event.impact), np.delete(event.unknowns, event.impact)
@@ -98,11 +98,24 @@ def diagram(
     most: int = 100,
     seed: int = 0,
 ) -> Diagram[Branch, Event]:
-    """The bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
+    """Return the bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
 
-    steps: intervals between the parameter values of the sweeps. count, v_max, seed: the sample at each of them, as in
-    `Gear.attractors`. impacts: branches have at most so many per period, on both walls; most: and so many branches
-    there are at most; what is beyond is named in left_out. Deterministic. Raises ParameterError.
+    Deterministic.
+
+    Parameters
+    ----------
+    steps : int
+        Intervals between the parameter values of the sweeps.
+    count, v_max, seed
+        The sample at each of them, as in `Gear.attractors`.
+    impacts : int
+        Branches have at most so many per period, on both walls; most: and so many branches there are at most; what is
+        beyond is named in left_out.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
     segment = Segment(require_end("start", start), require_end("end", end))

@@ -81,7 +81,9 @@ class Event:
 def find_events(
     itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
 ) -> Iterator[Event]:
-    """The events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in order."""
+    """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in
+    order.
+    """
     tests = _tests(itinerary, line, problem)
     values = _values(itinerary, line, points, tangents)
     real = [admissible(itinerary, line.plane(y)) for y in points]
@@ -107,8 +109,10 @@ def find_events(
 def between_twins(
     itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Solutions to put between points, each (after which, y, tangent): there a test function that has one sign at both
-    its neighbours has the other, for two events are so near that one step passed both.
+    """Solutions to put between points, each (after which, y, tangent).
+
+    There a test function that has one sign at both its neighbours has the other, for two events are so near that one
+    step passed both.
     """
     tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -185,7 +189,7 @@ def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) 
 
 
 def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
-    """Whether the times that y (≥ n,) begins with are those of one motion of half the period, twice over."""
+    """Return whether the times that y (≥ n,) begins with are those of one motion of half the period, twice over."""
     n, m = itinerary.n // 2, itinerary.m // 2
     if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
         return False
@@ -193,7 +197,8 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """The flip of the motion of half the period at which a branch that has come near it, at y, begins; or None."""
+    """Return the flip of the motion of half the period at which a branch that has come near it, at y, begins; or None.
+    """
     return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
 
 

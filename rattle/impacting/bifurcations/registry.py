@@ -38,7 +38,7 @@ class Definition:
     belongs: Callable[[Array], str | None] = lambda _: None
 
     def itinerary(self, beta: float) -> Itinerary:
-        """The walls at this half-backlash."""
+        """Return the walls at this half-backlash."""
         return Itinerary(self.walls, 1, beta)
 
 
@@ -133,7 +133,7 @@ def describe(name: str) -> str:
 
 
 def name_of(event: Event) -> str | None:
-    """The curve of the registry that an event of a branch is on; None if it is on none of them."""
+    """Return the curve of the registry that an event of a branch is on; None if it is on none of them."""
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []
     for name, curve in CURVES.items():

@@ -17,9 +17,10 @@ CLOSE = 0.02  # of ε, and in times: neighbours no farther apart are near it
 
 
 class Family(NamedTuple):
-    """The P(1,1,1) motions at one damping for rising times 1/2 + σ from Σ⁺ to Σ⁻, σ > 0: unknowns (k, 4), speed at
-    Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is positive on D, the second
-    negative where D is stable.
+    """The P(1,1,1) motions at one damping for rising times 1/2 + σ from Σ⁺ to Σ⁻, σ > 0.
+
+    Unknowns (k, 4), speed at Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is
+    positive on D, the second negative where D is stable.
     """
 
     sigma: Array
@@ -30,7 +31,7 @@ class Family(NamedTuple):
 
 
 def members(sigma: Array, delta: float, beta: float) -> Family:
-    """The members of the family with these rising σ."""
+    """Return the members of the family with these rising σ."""
     closed = np.array([closed_form.closure(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
@@ -42,7 +43,7 @@ def members(sigma: Array, delta: float, beta: float) -> Family:
 
 @lru_cache(maxsize=256)
 def two_impacts(delta: float, beta: float) -> Family:
-    """The family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
+    """Return the family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
     sigma, epsilon = closed_form.nodes(delta, beta)
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
@@ -84,7 +85,8 @@ def flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Whether a multiplier at a flip of the family leaves the unit circle there as σ grows (on D, as ε grows)."""
+    """Return whether a multiplier at a flip of the family leaves the unit circle there as σ grows (on D, as ε grows).
+    """
     at = two_impacts(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 

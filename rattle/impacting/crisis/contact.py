@@ -99,7 +99,7 @@ class Frame:
         return np.where(ok, self.heights(states)[0], np.inf), word
 
     def least(self, window: tuple[float, float], n: int) -> tuple[float, float]:
-        """The least height of F^n(W(s)) in a window of s, and its s, by finer and finer grids."""
+        """Return the least height of F^n(W(s)) in a window of s, and its s, by finer and finer grids."""
         low, high = window
         for _ in range(ZOOMS):
             s = np.linspace(low, high, GRID)
@@ -124,9 +124,17 @@ def frame(delta: float, epsilon: float, beta: float) -> Frame:
 
 
 def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
-    """The contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
+    """Return the contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
 
-    bracket: how far off, relative to gap, it may be at first. Raises RattleError if there is none.
+    Parameters
+    ----------
+    bracket : float
+        How far off, relative to gap, it may be at first.
+
+    Raises
+    ------
+    RattleError
+        If there is none.
     """
     floor = float(sn1_formula(delta))
 
@@ -139,7 +147,10 @@ def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n:
 def solve_delta(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
-    """The contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once; as `solve`."""
+    """Return the contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once.
+
+    As `solve`.
+    """
 
     def m(x: float) -> float:
         return frame(x, float(sn1_formula(x)) + gap, beta).least(window, n)[0]
@@ -187,8 +198,8 @@ def reach(crisis: Crisis) -> float:
 
 
 def root_slope(crisis: Crisis) -> float:
-    """The coefficient b of h = b √x + c x + … on the side of the corner next to this contact where the square root is,
-    x the distance along W^u(A) relative to s. Positive: the corner touches; negative: the bend beside it.
+    """Return the coefficient b of h = b √x + c x + … on the side of the corner next to this contact where the square root
+    is, x the distance along W^u(A) relative to s. Positive: the corner touches; negative: the bend beside it.
     """
     here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))

@@ -66,14 +66,14 @@ def _steps(last: Crisis) -> int:
 
 
 def in_delta(known: list[Crisis], delta: float) -> Crisis:
-    """The contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
+    """Return the contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_guess(known, np.array([point.delta for point in known]), y, delta))
     return solve(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
 
 
 def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """The contact at SN1 + gap that continues those known; near COD22, where δ − δ(COD22) goes with √gap."""
+    """Return the contact at SN1 + gap that continues those known; near COD22, where δ − δ(COD22) goes with √gap."""
     last = known[-1]
     root = np.sqrt([point.gap for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
@@ -145,10 +145,17 @@ def _changes(points: list[Crisis]) -> list[Crisis]:
 def crisis_curve(
     low: float | None = None, high: float | None = None, beta: float = 0.6, resolution: float = 0.01
 ) -> CrisisCurve:
-    """The boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
+    """Return the boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
 
     At most resolution apart in δ; towards COD22, by steps of ε − SN1, to 1e-5 of SN1. ε as accurate as
-    `boundary_crisis`, which begins it. Raises ParameterError, and RattleError if there is no crisis where it begins.
+    `boundary_crisis`, which begins it.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If there is no crisis where it begins.
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)

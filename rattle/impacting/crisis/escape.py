@@ -50,7 +50,7 @@ class Saddles(NamedTuple):
     multiplier: Array
 
     def at(self, chosen: Flags) -> "Saddles":
-        """At these of the points."""
+        """Return at these of the points."""
         return Saddles(*(x[chosen] for x in self))
 
     @property
@@ -90,7 +90,7 @@ def _longer(delta: Array) -> Array:
 
 
 def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
-    """A at flat arrays of parameters."""
+    """Return a at flat arrays of parameters."""
     orbits = period_one(delta, epsilon, beta)
     multiplier = np.real(orbits.multipliers[0, 0])
     return Saddles(delta, epsilon, beta, orbits.tau[0], orbits.v[0], multiplier)
@@ -129,7 +129,7 @@ class Followed:
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """At which epsilon (n,) a part of W^u(A) goes to rest; False where that is not decidable."""
+    """Return at which epsilon (n,) a part of W^u(A) goes to rest; False where that is not decidable."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.decidable
     if found.any():
@@ -139,7 +139,7 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """A at one parameter point. Raises RattleError if it is absent, or nothing is decidable there."""
+    """Return a at one parameter point. Raises RattleError if it is absent, or nothing is decidable there."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(
@@ -162,12 +162,12 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
 
 
 def is_chaotic(contact: Crisis) -> bool:
-    """Whether what attracts W^u(A) just below the contact is chaotic."""
+    """Return whether what attracts W^u(A) just below the contact is chaotic."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
     return any(chaotic_part(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
 
 
 def outlived(contact: Crisis) -> bool:
-    """Whether chaos outlives the contact."""
+    """Return whether chaos outlives the contact."""
     epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
     return chaotic_part(contact.delta, epsilon, contact.beta) > FEW

@@ -27,7 +27,7 @@ WIDER = 12
 
 
 def end_of_curve(beta: float) -> float:
-    """δ of COD22, in which the crisis begins."""
+    """Return δ of COD22, in which the crisis begins."""
     for point in codimension_two(beta):
         if point.name == "COD22":
             return point.delta
@@ -56,7 +56,7 @@ def _followed(delta: float, beta: float, gap: float, density: int) -> Followed:
 
 
 def touched(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Whether W^u(A) escapes at SN1 + gap."""
+    """Return whether W^u(A) escapes at SN1 + gap."""
     return bool(_followed(delta, beta, gap, density).at_rest.any())
 
 
@@ -99,8 +99,9 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 
 
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Where a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A): the longest of which the
-    contact is found.
+    """Where a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A).
+
+    The longest of which the contact is found.
     """
     *runs, last = _runs(delta, beta, high)[:MOST_RUNS]
     for run in runs:
@@ -135,7 +136,7 @@ def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> 
 
 
 def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """The least ε between SN1 + low and SN1 + high at which W^u(A) touches W^s(A)."""
+    """Return the least ε between SN1 + low and SN1 + high at which W^u(A) touches W^s(A)."""
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)
@@ -146,7 +147,7 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
-    """The last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
+    """Return the last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
 
     W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet limit, beyond which
     nothing rests; the piece is the first among those that 40000 points per unit of its ln s show. Raises

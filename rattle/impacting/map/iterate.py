@@ -40,7 +40,7 @@ _memory = _Memory()
 
 
 def working_block() -> Any:
-    """The block of lanes of this thread (1,), as kernels take it."""
+    """Return the block of lanes of this thread (1,), as kernels take it."""
     return _memory.block
 
 
@@ -106,7 +106,12 @@ def iterate_tangent(
     """As `iterate`, with a tangent vector re-normalised on the way: both Lyapunov exponents over the n impacts.
 
     The vector starts along phase, in (t, v²/2), where a flight's determinant is e^(−δs); the second exponent is the
-    mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0. Raises ParameterError.
+    mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta)
     _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
@@ -116,7 +121,7 @@ def iterate_tangent(
 def paths(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
-    """How many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
+    """Return how many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
     flat, _shape = checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)

@@ -30,7 +30,7 @@ LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18  # impacts; more below th
 
 @kernel
 def largest_eta(delta):
-    """η below which the kick per period is under δ/2."""
+    """Return η below which the kick per period is under δ/2."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
@@ -84,7 +84,7 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """The same for flat arrays."""
+    """Return the same for flat arrays."""
     smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
@@ -99,13 +99,17 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def longest_rest(delta: Array) -> Array:
-    """Impacts of a motion that is still waited for to become quiet, for flat arrays: as all that takes relaxation times
-    1/δ, more where damping is weak, within what a few milliseconds allow.
+    """Impacts of a motion that is still waited for to become quiet, for flat arrays.
+
+    As all that takes relaxation times 1/δ, more where damping is weak, within what a few milliseconds allow.
     """
     return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Whether there is quiet motion, but takes more than `longest_rest` impacts: no sample tells it from chaos then."""
+    """Return whether there is quiet motion, but takes more than `longest_rest` impacts.
+
+    No sample tells it from chaos then.
+    """
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > longest_rest(delta))

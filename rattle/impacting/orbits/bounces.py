@@ -22,8 +22,9 @@ NONE, STABLE, UNSTABLE = range(3)
 
 @kernel
 def share_out(work, x):
-    """Fill the shares of half a period's bounces that follow the least contact force, ε being x quiet limits: with one
-    adiabatic invariant v³/g they come at a rate g/2v ∝ g^(2/3).
+    """Fill the shares of half a period's bounces that follow the least contact force, ε being x quiet limits.
+
+    With one adiabatic invariant v³/g they come at a rate g/2v ∝ g^(2/3).
     """
     shares = work.shares
     shares[0] = 0.0

@@ -55,7 +55,7 @@ def keep(work, n, delta, epsilon, beta):
 
 @kernel
 def reached(work, n, s, farthest, delta, epsilon, beta):
-    """The point of the curve in the plane across the walk's direction at distance s, by corrections no longer than
+    """Return the point of the curve in the plane across the walk's direction at distance s, by corrections no longer than
     `farthest`: (found, R_0, dR_0/ds).
     """
     for i in range(n):
@@ -78,8 +78,8 @@ def reached(work, n, s, farthest, delta, epsilon, beta):
 
 @kernel
 def turned(work, n):
-    """The cosine of the turn from the walk's direction to the curve's, and the length of `response`, negative where the
-    first time falls.
+    """Return the cosine of the turn from the walk's direction to the curve's, and the length of `response`, negative where
+    the first time falls.
     """
     square, along = 0.0, 0.0
     for i in range(n):
@@ -91,8 +91,9 @@ def turned(work, n):
 
 @kernel
 def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Keep the orbit at the change of sign of R_0 between two distances: Newton's steps along the curve, or halves of
-    the bracket, and at last Newton's method on all equations.
+    """Keep the orbit at the change of sign of R_0 between two distances.
+
+    Newton's steps along the curve, or halves of the bracket, and at last Newton's method on all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
@@ -138,14 +139,16 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
 
 @inline
 def resolved(s, f0, slope0, f1, slope1):
-    """Whether R_0 and its slopes at both ends of a step agree so well that they tell how often it vanishes between."""
+    """Return whether R_0 and its slopes at both ends of a step agree so well that they tell how often it vanishes
+    between.
+    """
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
 def came_round(work, n, s):
-    """Whether the step to come passes the start of the work."""
+    """Return whether the step to come passes the start of the work."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]

@@ -75,14 +75,14 @@ def closure(sigma, delta, beta):
 
 @kernel
 def amplitude(sigma, delta, beta):
-    """ε(σ) on the family: infinite at its pole."""
+    """Return ε(σ) on the family: infinite at its pole."""
     x, y, _v, _u, determinant = closure(sigma, delta, beta)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """0: ε(σ) − level;  1: speed at Σ⁻ times the closure's denominator (no pole)."""
+    """0: ε(σ) − level; 1: speed at Σ⁻ times the closure's denominator (no pole)."""
     if kind == 0:
         return amplitude(sigma, delta, beta) - level
     return closure(sigma, delta, beta)[3]
@@ -90,8 +90,9 @@ def residual(kind, level, sigma, delta, beta):
 
 @kernel
 def solve(kind, level, lo, hi, delta, beta):
-    """Root of a residual that changes sign over (lo, hi): secant steps, halved when they stall, down to adjacent
-    doubles.
+    """Root of a residual that changes sign over (lo, hi).
+
+    Secant steps, halved when they stall, down to adjacent doubles.
     """
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
@@ -153,8 +154,9 @@ def fill_nodes(delta, beta, sigma, e):
 
 
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
-    """Increasing σ and ε(σ), between which ε is monotone: a scan that is geometric about the pole, with the turning
-    points added.
+    """Increasing σ and ε(σ), between which ε is monotone.
+
+    A scan that is geometric about the pole, with the turning points added.
     """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_nodes(delta, beta, sigma, e)
@@ -169,7 +171,7 @@ def trace_of_one_flight(delta, x):
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
+    """Return a (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -182,7 +184,7 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 @kernel
 def double_impact_orbit(sigma, delta, epsilon, beta):
-    """The P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
+    """Return the P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
     x, y, v, u, determinant = closure(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
@@ -239,8 +241,9 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
 def period_one_cells(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v,
-    trace), (4, n).
+    """Return all admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other.
+
+    (exists, τ, v, trace), (4, n).
     """
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
@@ -251,7 +254,7 @@ def period_one_cells(
 
 @kernel
 def next_grazing(sigma, delta, beta):
-    """The first σ beyond this one at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
+    """Return the first σ beyond this one at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
     lo, f_lo = sigma, closure(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
     while lo < 0.5:
@@ -265,8 +268,9 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """The grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ). Its minimum is on Σ⁻, and nothing else is
-    touched.
+    """Return the grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ).
+
+    Its minimum is on Σ⁻, and nothing else is touched.
     """
     x, y, _v, _u, determinant = closure(sigma, delta, beta)
     x, y = x / determinant, y / determinant
@@ -303,7 +307,7 @@ def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, 
 
 @kernel
 def grazing_cosine(delta, beta):
-    """ε cos 2πτ and ε where the family first grazes beyond σ = 0, whichever orbit that is; NaN if nowhere."""
+    """Return ε cos 2πτ and ε where the family first grazes beyond σ = 0, whichever orbit that is; NaN if nowhere."""
     sigma = next_grazing(EDGE, delta, beta)
     x, y, _v, _u, determinant = closure(sigma, delta, beta)
     return x / determinant, math.hypot(x, y) / abs(determinant)

@@ -86,7 +86,7 @@ class Itinerary(Equations):
         return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:
-        """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
+        """Return the flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
         return Flights(*self._solved(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
@@ -104,8 +104,9 @@ class Itinerary(Equations):
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:
-        """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a
-        graze.
+        """Return the product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs).
+
+        Infinite at a graze.
         """
         flights = self.flights(x)
         product = np.eye(2)
@@ -121,13 +122,16 @@ class Itinerary(Equations):
         return product
 
     def trace(self, x: Array) -> float:
-        """The trace of the monodromy; infinite at a graze, where the terms are too, of either sign, and have no sum."""
+        """Return the trace of the monodromy.
+
+        Infinite at a graze, where the terms are too, of either sign, and have no sum.
+        """
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
 
 
 def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
-    """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
+    """Return the equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
 
     def equations(y: NDArray) -> NDArray:
         n = itinerary.n
@@ -137,8 +141,9 @@ def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
 
 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
-    """Both multipliers (2,) of the motion of x; at a graze those of the motion that misses the impact `grazed`, which
-    are finite.
+    """Return both multipliers (2,) of the motion of x.
+
+    At a graze those of the motion that misses the impact `grazed`, which are finite.
     """
     if grazed is not None:
         itinerary, x = itinerary.without(grazed), np.delete(x, grazed)

@@ -63,7 +63,7 @@ def flight_between(s, sin0, cos0, gap, delta, epsilon):
 
 @inline
 def following(i, n):
-    """The number of the next impact, and how many periods later it counts."""
+    """Return the number of the next impact, and how many periods later it counts."""
     return (i + 1, 0.0) if i < n - 1 else (0, 1.0)
 
 
@@ -143,8 +143,9 @@ def moved(work, n, first):
 
 @kernel
 def newton(work, n, farthest, delta, epsilon, beta):
-    """Newton's method on all equations, in steps no longer than `farthest`: (found, p(1)); not found
-    either if the motion comes from behind a wall.
+    """Newton's method on all equations, in steps no longer than `farthest`: (found, p(1)).
+
+    Not found either if the motion comes from behind a wall.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):
@@ -160,7 +161,7 @@ def newton(work, n, farthest, delta, epsilon, beta):
 
 @kernel
 def fastest_if_admissible(work, n, delta, epsilon, beta):
-    """Whether each flight is a true first impact, and τ and v of the fastest impact on Σ⁺."""
+    """Return whether each flight is a true first impact, and τ and v of the fastest impact on Σ⁺."""
     tau, v = 0.0, 0.0
     for i in range(n):
         j, later = following(i, n)

@@ -1,5 +1,7 @@
-"""A–D over whole parameter arrays, with multipliers and stability; the regions that they make; their grazing curves G1
-(C touches Σ⁻) and G2 (A touches); SN1 and the flip of C where these motions happen.
+"""A–D over whole parameter arrays, with multipliers and stability.
+
+The regions that they make; their grazing curves G1 (C touches Σ⁻) and G2 (A touches); SN1 and the flip of C where these
+motions happen.
 
 On the P(1,1,1) family of `rattle.impacting.orbits.closed_form` the orbit grazes where its speed at Σ⁻ vanishes. There
 it is also A or C, so v = 2πδ, and the multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 −
@@ -24,8 +26,9 @@ BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # above SN1; of ε
 
 
 class Grazing(NamedTuple):
-    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S); NaN
-    where absent.
+    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
+
+    NaN where absent.
     """
 
     epsilon: NDArray[np.float64]
@@ -49,7 +52,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
 
 
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> PeriodOne:
-    """The admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
+    """Return the admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
 
     Admissible: each flight of the closed form is a true first impact. A, C: P(1,1,0), born at SN1; B, D: P(1,1,1), at
     given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. At large ε and small δ or
@@ -76,7 +79,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
 
 
 def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
-    """The admissible orbits at one parameter point, in the order A, B, C, D."""
+    """Return the admissible orbits at one parameter point, in the order A, B, C, D."""
     found = period_one(delta, epsilon, beta)
     return tuple(
         Orbit(
@@ -99,8 +102,9 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8; another set of orbits, as it is beside the
-    paper's plane, by its number in `rattle.REGIONS`.
+    """Region 1…5 (I…V) of every element of the broadcast parameters, int8.
+
+    Another set of orbits, as it is beside the paper's plane, by its number in `rattle.REGIONS`.
 
     δ > 0, ε ≥ 0, β > 0, dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
     """

@@ -30,9 +30,11 @@ STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))  # time to cr
 
 
 class Stable(NamedTuple):
-    """The stable orbits of period one of cells: how many (cells,), and (cells, room), those with the fewest impacts
-    first, their impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of the fastest impact on Σ⁺, and trace of the
-    tangent map over the period; 0 and NaN beyond the last.
+    """The stable orbits of period one of cells.
+
+    How many (cells,), and (cells, room), those with the fewest impacts first, their impacts on Σ⁺ and on Σ⁻ in a
+    period, phase and speed of the fastest impact on Σ⁺, and trace of the tangent map over the period; 0 and NaN beyond
+    the last.
     """
 
     n: Counts
@@ -128,7 +130,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
 
 
 def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable:
-    """The stable orbits of period one of flat parameter arrays (cells,), with room for so many of each cell."""
+    """Return the stable orbits of period one of flat parameter arrays (cells,), with room for so many of each cell."""
     shape = (delta.size, room)
     n, (n_plus, n_minus), (tau, v, trace) = (
         np.zeros(delta.size, np.int64),

@@ -70,5 +70,5 @@ class Block:
         return document if self.speed is None else {**document, "speed": text(self.speed)}
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

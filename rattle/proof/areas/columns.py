@@ -49,7 +49,7 @@ def columns(delta: Ends, number: int) -> list[Ends]:
 
 
 def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[Block]:
-    """The blocks that are proved of a column."""
+    """Return the blocks that are proved of a column."""
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in CUT.items():

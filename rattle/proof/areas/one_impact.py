@@ -42,7 +42,7 @@ def slope(s: arb, delta: arb, x: arb) -> arb:
 
 
 def exists(piece: Piece, letter: str) -> bool | None:
-    """Whether A (C) is there at all points of the piece; None if that is not told."""
+    """Return whether A (C) is there at all points of the piece; None if that is not told."""
     y = centred(offset, piece.delta)
     if upper(piece.epsilon) < lower(y):
         return False
@@ -72,7 +72,7 @@ def _ends(x: arb) -> tuple[arb, arb]:
 
 
 def _stays(piece: Piece, least: arb, most: arb) -> bool:
-    """Whether −2β < F < 0 for 0 < s < 1 and all X between these."""
+    """Return whether −2β < F < 0 for 0 < s < 1 and all X between these."""
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
@@ -98,7 +98,7 @@ def _stays_in(piece: Piece, start: arb, end: arb, least: arb, most: arb) -> bool
 
 
 def _touches(piece: Piece, least: arb) -> bool:
-    """Whether F < −2β somewhere, for all X from this one on."""
+    """Return whether F < −2β somewhere, for all X from this one on."""
     s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
     return bool(0 < s < 1 and centred(lambda delta: height(s, delta, least), piece.delta) < -2 * piece.beta)
 

@@ -30,7 +30,7 @@ Solution = tuple[arb, arb]
 
 
 def rows(s: arb_series, delta: arb_series, beta: arb) -> tuple[Row, Row]:
-    """The equations, each as the factors of X and of Y and what they add up to."""
+    """Return the equations, each as the factors of X and of Y and what they add up to."""
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
     down, up, k = 1 - 2 * a + end, 1 - 2 * b + end, 4 * PI() * (1 - a) / (delta * (1 - end))
@@ -40,7 +40,7 @@ def rows(s: arb_series, delta: arb_series, beta: arb) -> tuple[Row, Row]:
 
 
 def speeds(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """v after Σ⁺ and u after Σ⁻."""
+    """Return v after Σ⁺ and u after Σ⁻."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p, q = 4 * PI() * (2 - y - b * (2 - later)) / lost, 4 * PI() * (2 - later - a * (2 - y)) / lost
@@ -62,7 +62,7 @@ def room(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[
 
 
 def force(delta: Number, cosine: Number, sine: Number) -> Number:
-    """g where ε cos 2πt and ε sin 2πt are these."""
+    """Return g where ε cos 2πt and ε sin 2πt are these."""
     return 4 * PI() * delta - 4 * PI() ** 2 * cosine - 2 * PI() * delta * sine
 
 
@@ -167,11 +167,12 @@ class Cell:
         return self._moved(*([part] for part in parts))[0]
 
     def share(self, sign: int) -> float:
-        """One with which the sum changes little with s, not below 0."""
+        """Return one with which the sum changes little with s, not below 0."""
         return max(0.0, -sign * float(self.rise.mid()) / float(self.solution[1][3].mid()))
 
     def empty(self, epsilon: arb) -> bool:
-        """Whether no motion with these ε is in the cell: v > 0, u > 0 and ε between both nowhere hold together."""
+        """Return whether no motion with these ε is in the cell: v > 0, u > 0 and ε between both nowhere hold together.
+        """
         if self.least > epsilon:
             return True
         if not self.solvable:
@@ -183,7 +184,10 @@ class Cell:
         return bool(self.mixed(1, self.share(1)) < low or self.mixed(-1, self.share(-1)) < -high)
 
     def holds(self, letter: str, epsilon: arb) -> bool | None:
-        """Whether all solutions with these ε are of this letter and happen; else none is, or None: it is not told."""
+        """Return whether all solutions with these ε are of this letter and happen.
+
+        Else none is, or None: it is not told.
+        """
         if self.empty(epsilon) or (self.solvable and -RISES[letter] * self.rise > 0):
             return False
         if not self.solvable or not (RISES[letter] * self.rise > 0 and self.solution[0][2] > 0):
@@ -199,7 +203,7 @@ class Cell:
         return self._keeps(-1, arb(0), lower(self.s)) and self._keeps(1, upper(self.s), arb(1))
 
     def _keeps(self, sign: int, start: arb, end: arb) -> bool:
-        """Whether Φ' has this sign from Σ⁺ (start 0) to s, or from s to Σ⁺ (end 1); the ends have it."""
+        """Return whether Φ' has this sign from Σ⁺ (start 0) to s, or from s to Σ⁺ (end 1); the ends have it."""
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
@@ -222,7 +226,7 @@ class Cell:
         return bool(sign * at(t, sign) > 0)
 
     def force(self, t: arb) -> arb:
-        """g at the time t after Σ⁺."""
+        """Return g at the time t after Σ⁺."""
         x, y, *_ = self.solution[0]
         sine, cosine = (2 * t).sin_cos_pi()
         return force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
@@ -259,18 +263,21 @@ class Cell:
 
 
 def squares(epsilon: arb) -> tuple[arb, arb]:
-    """The least and the largest ε²; a ball about numbers from 0 on may begin below."""
+    """Return the least and the largest ε²; a ball about numbers from 0 on may begin below."""
     least = lower(epsilon)
     return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
 
 
 def cells(piece: Piece) -> tuple[Cell, Cell]:
-    """All s, at the δ of a piece."""
+    """Return all s, at the δ of a piece."""
     return Cell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
 def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Cell]]:
-    """All B (D) that there are at each point of the piece, each by the cells that it is in. Raises NotProvedError."""
+    """Return all B (D) that there are at each point of the piece, each by the cells that it is in.
+
+    Raises NotProvedError.
+    """
     told: list[tuple[bool, Cell]] = []
     waiting = list(reversed(all_s))
     while waiting:
@@ -287,7 +294,7 @@ def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Ce
 
 
 def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
-    """Whether both multipliers are inside the unit circle wherever in these cells a motion is (else one is outside
+    """Return whether both multipliers are inside the unit circle wherever in these cells a motion is (else one is outside
     everywhere). Raises NotProvedError.
     """
     verdicts, waiting = set(), list(run)
@@ -305,7 +312,9 @@ def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
 
 
 def _crosses(piece: Piece, run: list[Cell], rises: int) -> bool:
-    """Whether ε(s), which is monotone over these cells, takes each ε of the piece once there; else it takes none.
+    """Return whether ε(s), which is monotone over these cells, takes each ε of the piece once there.
+
+    Else it takes none.
 
     At their ends it takes none at any δ of the piece, because the cells beyond are empty: so one δ tells on which side
     it is.

@@ -110,7 +110,7 @@ class Bifurcation:
         require(len(self.times) == self.n and positive(*self.known.values()), "its times, or a parameter, are wrong")
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """δ and ε at unknowns x."""
+        """Return δ and ε at unknowns x."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
@@ -215,7 +215,7 @@ class Bifurcation:
 
 
 def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
-    """Whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
+    """Return whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
 
     There Φ' = 0, and Φ'' has the sign of the way out: so Φ' has one sign around, and Φ is clear beside the graze.
     """
@@ -241,7 +241,7 @@ def clear(piece: Piece, y: Interval) -> bool:
 
 
 def lasts(piece: Piece, low: Interval, high: Interval) -> bool:
-    """Whether a piece is clear between two times, at which it is, or is on its wall."""
+    """Return whether a piece is clear between two times, at which it is, or is on its wall."""
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):
         low, high = parts.pop()

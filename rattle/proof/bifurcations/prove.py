@@ -35,10 +35,14 @@ def certify_curve_point(
 ) -> BifurcationCertificate:
     """Prove a point of a bifurcation curve of the period-one motions (`rattle.curves`), near (δ, ε).
 
-    Of δ and ε the one along which the curve runs is taken as that very number, the other is enclosed. motion: phase and
-    speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds. Needs the extra `proof`. Raises
-    ParameterError, and NotProvedError where no proof was found or no point of the curve is that close. Source:
-    docs/proofs.md.
+    Of δ and ε the one along which the curve runs is taken as that very number, the other is enclosed. Needs the extra
+    `proof`. Raises ParameterError, and NotProvedError where no proof was found or no point of the curve is that close.
+    Source: docs/proofs.md.
+
+    Parameters
+    ----------
+    motion : tuple[float, float] | None
+        Phase and speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds.
     """
     require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
     require_one_of("name", name, CURVES)

@@ -40,8 +40,10 @@ class Between(NamedTuple):
 
 @dataclass(frozen=True)
 class Motion:
-    """What does not change along a curve: the walls (n,) of a motion in m forcing periods, what happens to it, the
-    number of the impact that grazes, and the name of a point of codimension two.
+    """What does not change along a curve.
+
+    The walls (n,) of a motion in m forcing periods, what happens to it, the number of the impact that grazes, and the
+    name of a point of codimension two.
     """
 
     walls: tuple[int, ...]
@@ -70,13 +72,13 @@ class System:
         return Evaluated(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """δ and ε, balls or series as the unknowns are; what is known is a ball."""
+        """Return δ and ε, balls or series as the unknowns are; what is known is a ball."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> Plane:
-        """The point of the plane."""
+        """Return the point of the plane."""
         return Plane(*self.parameters(at), self.beta)
 
 
@@ -139,7 +141,7 @@ def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Serie
 
 
 def between(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
-    """The flight between two times (`rattle.proof.flights.flight`), in series."""
+    """Return the flight between two times (`rattle.proof.flights.flight`), in series."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
@@ -158,8 +160,9 @@ def between(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: ar
 
 
 def require_happens(system: System, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze:
-    there it touches the wall from inside.
+    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze.
+
+    There it touches the wall from inside.
     """
     motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
     grazed = motion.impact

@@ -14,8 +14,9 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class Loop:
-    """A chain of coverings from set 0 through these sets (L − 1,) back to it: of each of its L steps how often Σ⁻ is
-    met, and how many forcing periods later the next set is meant.
+    """A chain of coverings from set 0 through these sets (L − 1,) back to it.
+
+    Of each of its L steps how often Σ⁻ is met, and how many forcing periods later the next set is meant.
     """
 
     sets: tuple[int, ...]
@@ -35,10 +36,11 @@ class Loop:
 
 @dataclass(frozen=True)
 class HorseshoeCertificate:
-    """A theorem about the impact map Π at exact parameters: each loop is a chain of coverings, and the sets that follow
-    set 0 in them are apart. So for every sequence of loops there is a motion that goes
-    through them in this order, and the topological entropy is at least `per_impact` for each impact on Σ⁺, and at least
-    `per_period` for each forcing period, in nats.
+    """A theorem about the impact map Π at exact parameters.
+
+    Each loop is a chain of coverings, and the sets that follow set 0 in them are apart. So for every sequence of loops
+    there is a motion that goes through them in this order, and the topological entropy is at least `per_impact` for
+    each impact on Σ⁺, and at least `per_period` for each forcing period, in nats.
     """
 
     parameters: dict[str, Fraction]
@@ -74,5 +76,5 @@ class HorseshoeCertificate:
         }
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -73,7 +73,10 @@ class Bundle:
         return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
 
     def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
-        """How late flights are that lack so much of the wall at a time: one root each, by Newton's interval method."""
+        """Return how late flights are that lack so much of the wall at a time.
+
+        One root each, by Newton's interval method.
+        """
         for _ in range(8):
             around = time + room * UNIT
             speed = self.flown(self.middle, around)[1] if middle else self.at(around)[1]
@@ -106,7 +109,8 @@ class Bundle:
         raise Refused("a flight does not end")
 
     def is_clear(self, arrival: Interval) -> bool:
-        """Whether all flights are clear of the walls on their way: at all times Φ' has one sign, or Φ is clear."""
+        """Return whether all flights are clear of the walls on their way: at all times Φ' has one sign, or Φ is clear.
+        """
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
@@ -142,7 +146,7 @@ class Claim:
             require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop")
 
     def force(self, t: Interval) -> Interval:
-        """g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        """Return g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
         sine, cosine = turned(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
@@ -160,7 +164,7 @@ class Claim:
         )  # fmt: skip
 
     def seen(self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]) -> tuple[Vector, list[Any]]:
-        """ξ and η of an image in another set's coordinates, and what either side of it adds."""
+        """Return ξ and η of an image in another set's coordinates, and what either side of it adds."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
         require(positive(size) or positive(-size), "a set has no area")

@@ -109,8 +109,9 @@ class Mapped:
         return sides.pop()
 
     def _settled(self, target: HSet, periods: int, part: Part, inside: bool) -> Iterator[int]:
-        """Parts of a part by what is proved of them: 1, −1 to which side of a set they go, 0 if between its edges and
-        clear of the other two, where they may.
+        """Parts of a part by what is proved of them.
+
+        1, −1 to which side of a set they go, 0 if between its edges and clear of the other two, where they may.
         """
         parts, number = [part], 0
         while parts:
@@ -141,7 +142,7 @@ def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Whether finer parts would not help: the image is small, and where it should not be."""
+    """Return whether finer parts would not help: the image is small, and where it should not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 

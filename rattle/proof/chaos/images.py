@@ -40,7 +40,10 @@ def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence
     """Π of all (t, v) in centre + sides [−1, 1]², whose motions meet these walls between two impacts on Σ⁺, with the
     derivatives by the coordinates in [−1, 1]².
 
-    Raises NotProvedError unless that is proved of all of them.
+    Raises
+    ------
+    NotProvedError
+        Unless that is proved of all of them.
     """
     turn = arb_mat([[1, 0], [0, -1]])  # from speeds on Σ⁺ to velocities, and from velocities of arrival to those after
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
@@ -51,7 +54,8 @@ def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence
 
 
 def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """The flights from a wall at times and with velocities middle + sides [−1, 1]², which end first at `target`."""
+    """Return the flights from a wall at times and with velocities middle + sides [−1, 1]², which end first at `target`.
+    """
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
     bundle = Bundle(plane, middle, sides)
@@ -101,11 +105,11 @@ class Bundle:
         return t0, w0
 
     def until(self, t: arb) -> Flight:
-        """The middle one."""
+        """Return the middle one."""
         return _flight(self.plane, *self.middle, t)
 
     def all_until(self, t: arb) -> Flight:
-        """All of them."""
+        """Return all of them."""
         return _flight(self.plane, *self.hull, t)
 
     def height(self, t: arb) -> arb:

@@ -106,7 +106,9 @@ def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
 
 
 def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
-    """Whether a line along a side of either of two parallelograms, by their corners in `HSet` order, separates them."""
+    """Return whether a line along a side of either of two parallelograms, by their corners in `HSet` order, separates
+    them.
+    """
     for a in (one, other):
         for i in (1, 2):
             normal = a[i][1] - a[0][1], a[0][0] - a[i][0]
@@ -117,7 +119,7 @@ def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy(lengths: Sequence[int]) -> Fraction:
-    """An h for which Σ e^(−h length) ≥ 1 is proved, in few digits."""
+    """Return an h for which Σ e^(−h length) ≥ 1 is proved, in few digits."""
     h = Fraction(math.floor(search.growth(lengths) / DIGITS)) * DIGITS
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

@@ -1,5 +1,7 @@
-"""Where a horseshoe may be, in doubles: a parallelogram to which chaotic motions return, and along each return the
-parallelograms through which Π stretches it back across itself. What is found here is proved elsewhere, or refused.
+"""Where a horseshoe may be, in doubles.
+
+A parallelogram to which chaotic motions return, and along each return the parallelograms through which Π stretches it
+back across itself. What is found here is proved elsewhere, or refused.
 """
 
 from __future__ import annotations
@@ -86,14 +88,14 @@ class Map:
 
 
 def away(x: Array, centre: Array) -> Array:
-    """x − centre (…, 2), times to within half a period."""
+    """Return x − centre (…, 2), times to within half a period."""
     d = x - centre
     d[..., 0] = (d[..., 0] + 0.5) % 1.0 - 0.5
     return d
 
 
 def growth(lengths: Sequence[float]) -> float:
-    """The h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
+    """Return the h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
     if len(lengths) < 2:
         return 0.0
     times = np.asarray(lengths, float)
@@ -182,7 +184,7 @@ def _samples(box: Box, across: int, high: int) -> Array:
 
 
 def _is_flat(pi: Map, hub: Box) -> bool:
-    """Whether Π stretches the box much the same everywhere, so that its image hardly bends."""
+    """Return whether Π stretches the box much the same everywhere, so that its image hardly bends."""
     after, words = pi(_samples(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
         return False

@@ -42,7 +42,7 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """No speed above 0 is sure to become quiet: contact tells."""
+        """Return no speed above 0 is sure to become quiet: contact tells."""
         return 0.0
 
     @property
@@ -81,8 +81,15 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
-    same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
+    """Return the attractors of all cells at once, as `rattle.attractors_of`.
+
+    The parameters broadcast, the samples are the same. A cell's are those of `StiffGear.attractors` to the bit,
+    whatever the other cells are.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     cells = Parameters.of(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
     return of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

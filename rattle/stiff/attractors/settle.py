@@ -49,7 +49,7 @@ def _between(share, one, other):
 
 @inline
 def begun(tau, v):
-    """The first reference of a trajectory."""
+    """Return the first reference of a trajectory."""
     return Reference(tau, v, 0, 1)
 
 

@@ -36,11 +36,22 @@ def stiff_branch(
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
 ) -> StiffBranch:
-    """The branch of a periodic motion in "epsilon", "delta" or "kappa", both ways from it, while it happens.
+    """Return the branch of a periodic motion in "epsilon", "delta" or "kappa", both ways from it, while it happens.
 
-    span: (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. parameter may
-    be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution: points over
-    the span, at least. Raises ParameterError, and RattleError if the orbit is no solution.
+    Parameters
+    ----------
+    span : tuple[float, float] | None
+        (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. parameter may
+        be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1.
+    resolution : int
+        Points over the span, at least.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the orbit is no solution.
     """
     orbit = as_stiff(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -66,7 +77,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 
 
 def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """The branch through a solution y on a line, while s is in its span."""
+    """Return the branch through a solution y on a line, while s is in its span."""
     if not line.is_admissible(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
     followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
@@ -77,7 +88,7 @@ def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], reso
 
 
 def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """The branch of motions of twice the period from a flip on, along a direction (3,) of parameters."""
+    """Return the branch of motions of twice the period from a flip on, along a direction (3,) of parameters."""
     itinerary = event.itinerary.doubled()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = first_of_doubled(event.itinerary, event.unknowns)
@@ -178,8 +189,15 @@ def _fold(problem: Problem, a: Array, b: Array) -> Callable[[Array], float]:
 def stiff_curve(
     event: StiffEvent, delta: tuple[float, float], epsilon: tuple[float, float], resolution: int = 60
 ) -> Array:
-    """The saddle-node or flip curve through an event at fixed κ: points (k, 2c + 2), δ and ε last, while the motion
-    happens in the window of δ and ε (low, high); resolution: points across it, at least. Raises ParameterError.
+    """Return the saddle-node or flip curve through an event at fixed κ.
+
+    Points (k, 2c + 2), δ and ε last, while the motion happens in the window of δ and ε (low, high); resolution: points
+    across it, at least.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
     from rattle.continuation.curves import Window, pieces

@@ -51,13 +51,19 @@ def trace(
     delta: tuple[float, float] = (0.3, 1.2),
     epsilon: tuple[float, float] = (0.0, 1.0),
 ) -> Curve:
-    """The bifurcation curve `name`, one of NAMES, of the stiff gear inside a window of the (δ, ε) plane.
+    """Return the bifurcation curve `name`, one of NAMES, of the stiff gear inside a window of the (δ, ε) plane.
 
     SN1: A and C are born; SN2: B and D; G1: C and B meet, G2: A and D, both next to the graze with Σ⁻; PD1: the flip of
     D that is next to its birth, PD2: where it is stable again at higher ε; PDC: the flip of C; quiet_limit: permanent
     contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.impacting.bifurcations.curves`; tau
-    and v are those of the departure from Σ⁺. Raises ParameterError, and RattleError where rounding keeps the curve from
-    being followed.
+    and v are those of the departure from Σ⁺.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where rounding keeps the curve from being followed.
     """
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
@@ -105,8 +111,10 @@ def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Arra
 
 
 def _events(name: str, family: Family) -> list[Array]:
-    """The motions (2c + 1,) of a family that are on a curve. Σ⁻ comes later than half a period after Σ⁺, from middle to
-    middle of the contacts: at 1/2 is the pole of the limit's P(1,1,1), and the paper's curves are beyond.
+    """The motions (2c + 1,) of a family that are on a curve.
+
+    Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is the pole of the limit's
+    P(1,1,1), and the paper's curves are beyond.
     """
     if name in FLIPS:
         found = _flips(name, family)
@@ -164,7 +172,10 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
 
 
 def _is_greatest(y: Array, cycle: Cycle) -> bool:
-    """Whether ε is greatest at a fold along its family: −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y."""
+    """Return whether ε is greatest at a fold along its family.
+
+    −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y.
+    """
     n = y.size - 1
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))
     closure(y, cycle, value, matrix)

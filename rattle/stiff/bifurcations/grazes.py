@@ -30,7 +30,7 @@ class Graze(NamedTuple):
 
 
 def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
-    """The graze at which a branch ends, at its last point and outwards; None if it is none of these."""
+    """Return the graze at which a branch ends, at its last point and outwards; None if it is none of these."""
     c, p = len(line.walls), line.itinerary(y).softness
     flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
     same = np.array(line.walls) == np.roll(line.walls, -1)

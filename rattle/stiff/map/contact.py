@@ -67,7 +67,7 @@ def responses(s, delta, kappa):
 
 @inline
 def compliance(delta, kappa):
-    """A/D and B/D, by which cos 2πs makes the depth (A cos 2πs + B sin 2πs)/D, and 1/√D."""
+    """Return a/D and B/D, by which cos 2πs makes the depth (A cos 2πs + B sin 2πs)/D, and 1/√D."""
     a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
     size = math.hypot(a, b)
     return a / size / size, b / size / size, 1.0 / size
@@ -88,7 +88,7 @@ def driven(s, delta, kappa):
 
 @inline
 def depth(s, contact):
-    """x, x' and h after s, with S, 1 − C there."""
+    """Return x, x' and h after s, with S, 1 − C there."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     stiffness = 2.0 * kappa
@@ -99,7 +99,7 @@ def depth(s, contact):
 
 @inline
 def steady(s, contact):
-    """x and x' of permanent contact after s: the periodic solution."""
+    """Return x and x' of permanent contact after s: the periodic solution."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
@@ -110,7 +110,9 @@ def steady(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """u'/u at s from the middle of a piece, of a free motion u that is positive on it; u is even but for e^(−δs/2)."""
+    """Return u'/u at s from the middle of a piece, of a free motion u that is positive on it; u is even but for
+    e^(−δs/2).
+    """
     if square > 0.0:
         return rate * math.tanh(rate * s) - 0.5 * delta
     return -rate * math.tan(rate * s) - 0.5 * delta
@@ -118,7 +120,7 @@ def log_rate(s, delta, square, rate):
 
 @kernel
 def turn_in(lo, hi, middle, contact):
-    """The zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
+    """Return the zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
 
     q' = h − (δ + u'/u) q.
     """
@@ -151,7 +153,7 @@ def turn_in(lo, hi, middle, contact):
 
 @kernel
 def fall_in(lo, hi, contact):
-    """The zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
+    """Return the zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
         x, v, h, _s, _l = depth(s, contact)

@@ -65,7 +65,12 @@ def iterate(
     """Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast (dimensionless).
 
     As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns the last departure is kept and n_plus < n.
-    n_plus and n_minus count contacts. Raises ParameterError.
+    n_plus and n_minus count contacts.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
@@ -84,7 +89,12 @@ def iterate_tangent(
 ) -> Stretched:
     """As `iterate`, with both Lyapunov exponents over the n returns: see `rattle.iterate_tangent`, in its coordinates.
 
-    NaN where no return is made. Raises ParameterError.
+    NaN where no return is made.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)

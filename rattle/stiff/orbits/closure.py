@@ -44,7 +44,7 @@ class Cycle(NamedTuple):
 
 
 def softness(kappa: float) -> float:
-    """p = 1/√(2κ), 0 for infinite stiffness."""
+    """Return p = 1/√(2κ), 0 for infinite stiffness."""
     return float(1.0 / np.sqrt(2.0 * kappa))
 
 
@@ -77,7 +77,7 @@ class Exit(NamedTuple):
 
 @inline
 def flight(t0, t1, gap, delta, epsilon):
-    """The ends of a flight over a distance (paper 3.1, 3.2)."""
+    """Return the ends of a flight over a distance (paper 3.1, 3.2)."""
     s = t1 - t0
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
@@ -105,7 +105,7 @@ def flight(t0, t1, gap, delta, epsilon):
 
 @inline
 def contact(wall, t, u, s, delta, epsilon, kappa):
-    """The end, after s, of a contact that begins at time t with outward velocity u."""
+    """Return the end, after s, of a contact that begins at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     sin0, cos0 = library_phase(t)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
@@ -129,7 +129,7 @@ def contact(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def follower(i, y, cycle):
-    """The flight after contact i: number of the next contact, departure and arrival, and the distance."""
+    """Return the flight after contact i: number of the next contact, departure and arrival, and the distance."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m
@@ -177,7 +177,8 @@ def closure(y, cycle, value, jacobian):
 
 @kernel
 def trace_of(y, cycle):
-    """The trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs)."""
+    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs).
+    """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
     j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
@@ -199,9 +200,10 @@ def trace_of(y, cycle):
 
 @kernel
 def first_failure(y, cycle):
-    """The first flight or contact of a solution that ends elsewhere than the equations say: (its number, whether it is
-    a contact, the wall and the time at which it ends instead); wall 0 if it does not even begin, number −1 if there is
-    none, and the motion is admissible.
+    """Return the first flight or contact of a solution that ends elsewhere than the equations say.
+
+    (its number, whether it is a contact, the wall and the time at which it ends instead); wall 0 if it does not even
+    begin, number −1 if there is none, and the motion is admissible.
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -230,7 +232,10 @@ def first_failure(y, cycle):
 
 @kernel
 def is_admissible(y, cycle):
-    """Whether the motion of a solution is admissible: each contact and flight ends first where the equations say."""
+    """Return whether the motion of a solution is admissible.
+
+    Each contact and flight ends first where the equations say.
+    """
     return first_failure(y, cycle)[0] < 0
 
 

@@ -64,7 +64,7 @@ def free_responses(duration, loss):
 
 @inline
 def sine_defect(z):
-    """z − sin z."""
+    """Return z − sin z."""
     if abs(z) < SMALL:
         y = z * z
         return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))
@@ -73,8 +73,10 @@ def sine_defect(z):
 
 @inline
 def contact(sign, t, duration, u, p, delta, epsilon):
-    """A contact entered with outward velocity u: its depth at the end, over p, and its outward velocity there, x and v;
-    x_u, v_u, x_t, v_t (by the time of the beginning), v_σ. That of x by σ is v.
+    """Return a contact entered with outward velocity u.
+
+    Its depth at the end, over p, and its outward velocity there, x and v; x_u, v_u, x_t, v_t (by the time of the
+    beginning), v_σ. That of x by σ is v.
     """
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration
@@ -105,8 +107,8 @@ def contact(sign, t, duration, u, p, delta, epsilon):
 
 @kernel
 def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """The flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if asked for, of motions x (k, 2c + 2) that meet the walls
-    `signs` (c,), at p (k,).
+    """Return the flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if asked for, of motions x (k, 2c + 2) that meet the
+    walls `signs` (c,), at p (k,).
     """
     k, c = x.shape[0], signs.size
     n = 2 * c

@@ -79,7 +79,7 @@ class Family:
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
     def at(self, epsilon: float) -> list[Member]:
-        """The motions of this eccentricity that happen. Raises RattleError where one is lost."""
+        """Return the motions of this eccentricity that happen. Raises RattleError where one is lost."""
         found, y = [], np.empty(self.points.shape[1])
         for k in crossings(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
@@ -107,13 +107,13 @@ def lost(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of(delta: float, epsilon: float) -> float:
-    """The largest ε to which families are followed for a point: it depends on the point alone."""
+    """Return the largest ε to which families are followed for a point: it depends on the point alone."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
 def through(y: Array, cycle: Cycle, span: float) -> Family:
-    """The family through a solution, both ways to its ends."""
+    """Return the family through a solution, both ways to its ends."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
     k, on = follow(y, direction, cycle, span, room)
@@ -162,7 +162,7 @@ def _at_sn1(cycle: Cycle) -> Array | None:
 
 
 def without_minus(cycle: Cycle, span: float) -> list[Family]:
-    """The family of A and C, if there is one."""
+    """Return the family of A and C, if there is one."""
     guess = _at_sn1(cycle)
     if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
         return []
@@ -177,7 +177,7 @@ def without_minus(cycle: Cycle, span: float) -> list[Family]:
 
 
 def slow(cycle: Cycle, span: float) -> list[Family]:
-    """The families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
+    """Return the families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
@@ -193,7 +193,7 @@ def slow(cycle: Cycle, span: float) -> list[Family]:
 
 
 def with_minus(cycle: Cycle, span: float, plus: Sequence[Family]) -> list[Family]:
-    """The families of P(1,1,1); plus: those of P(1,1,0)."""
+    """Return the families of P(1,1,1); plus: those of P(1,1,0)."""
     found: list[Family] = []
     for guess, constraint in _starts(cycle, plus):
         y = guess.copy()
@@ -232,8 +232,10 @@ def grazes(family: Family) -> list[Array]:
 
 
 def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
-    """The letters of a family of P(1,1,1). Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter
-    the stretch shares; but a C that never folds back to B is D, as beyond COD23.
+    """The letters of a family of P(1,1,1).
+
+    Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter the stretch shares; but a C that never
+    folds back to B is D, as beyond COD23.
     """
     saddles = family.saddles
     names = ["B" if saddle else "D" for saddle in saddles]
@@ -260,13 +262,19 @@ def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
 
 
 def held(y: Array, families: Sequence[Family]) -> bool:
-    """Whether a solution is on one of these families."""
+    """Return whether a solution is on one of these families."""
     return any(place(family.points, y, family.cycle) >= 0 for family in families)
 
 
 @lru_cache(maxsize=256)
 def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Family, ...]:
-    """The families that hold the counterparts of A–D, with ε up to a span. Raises RattleError where one breaks off."""
+    """Return the families that hold the counterparts of A–D, with ε up to a span.
+
+    Raises
+    ------
+    RattleError
+        Where one breaks off.
+    """
     plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
     found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
     for family in found:
@@ -276,8 +284,14 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Fami
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
-    """The counterparts of A–D that happen at one point, and slow motions of their families: letter by letter, P(1,1,0)
-    first, then by falling time from Σ⁺ to Σ⁻. Raises RattleError where a family is lost.
+    """Return the counterparts of A–D that happen at one point, and slow motions of their families.
+
+    Letter by letter, P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
+
+    Raises
+    ------
+    RattleError
+        Where a family is lost.
     """
     span = span_of(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]

@@ -121,7 +121,7 @@ def tangent_at(y, direction, cycle, tangent):
 
 @inline
 def shortest_flight(y, cycle):
-    """The time of the shortest flight between contacts."""
+    """Return the time of the shortest flight between contacts."""
     c, shortest = cycle.walls.size, math.inf
     for i in range(c):
         begins = y[i + 1] if i < c - 1 else y[0] + cycle.m
@@ -187,8 +187,9 @@ def located(a, b, index, level, cycle, y):
 
 @kernel
 def passes(solution, a, b, cycle, y):
-    """True if the family passes through a solution between its points a and b, written as it is there: some periods
-    later perhaps.
+    """Return whether the family passes through a solution between its points a and b, written as it is there.
+
+    Some periods later perhaps.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
     unit, n = small(cycle), a.size - 1
@@ -252,8 +253,8 @@ def follow(start, direction, cycle, largest, points):
 
 @kernel
 def folds_of(points, cycle, folds):
-    """The solutions (k, 2c + 1) between the points of a family at which ε turns back, with the numbers of the points
-    before them written, and whether all of them could be located.
+    """Return the solutions (k, 2c + 1) between the points of a family at which ε turns back, with the numbers of the
+    points before them written, and whether all of them could be located.
     """
     n = points.shape[1]
     tangent, found, before = np.empty(n), np.empty((len(points), n)), np.empty(n)
@@ -273,7 +274,9 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def place(points, solution, cycle):
-    """The number of the point of a family (k, 2c + 1) after which it passes through a solution, −1 if it does not."""
+    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution, −1 if it does
+    not.
+    """
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
         if passes(solution, points[i], points[i + 1], cycle, y):

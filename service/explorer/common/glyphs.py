@@ -72,13 +72,13 @@ def style_of(name: str) -> tuple[str, tuple[float, ...]]:
 
 
 def image(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
-    """A renderer of images below everything else."""
+    """Return a renderer of images below everything else."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
     return _rendered(source, glyph, level="image", **named)
 
 
 def clear_mapper() -> Any:
-    """A mapper from numbers to colours, the first of which is none."""
+    """Return a mapper from numbers to colours, the first of which is none."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
 
 
@@ -89,7 +89,7 @@ def veil(source: ColumnDataSource, paper: str) -> Any:
 
 
 def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """The linear scale, and the logarithmic one under True."""
+    """Return the linear scale, and the logarithmic one under True."""
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
@@ -120,7 +120,7 @@ def _at_bar(text: str, edge: Any, offset: int, baseline: Any, ink: str) -> Any:
 
 
 def line(source: ColumnDataSource, name: str) -> list[Any]:
-    """A line in its style, with a white edge."""
+    """Return a line in its style, with a white edge."""
     colour, dash = style_of(name)
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
     halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
@@ -156,7 +156,7 @@ def band(source: ColumnDataSource) -> Any:
 
 
 def outline(source: ColumnDataSource) -> list[Any]:
-    """A closed line with a white edge."""
+    """Return a closed line with a white edge."""
     strokes = (("white", 4.0, 0.8), (ELLIPSE, 2.0, 1.0))
     return [
         _rendered(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
@@ -165,17 +165,17 @@ def outline(source: ColumnDataSource) -> list[Any]:
 
 
 def cross(source: ColumnDataSource) -> list[Any]:
-    """A cross with a white edge."""
+    """Return a cross with a white edge."""
     return _edged(source, "cross", (26, "white", 5), (24, "#d40078", 2))
 
 
 def ring(source: ColumnDataSource) -> list[Any]:
-    """A ring with a white edge."""
+    """Return a ring with a white edge."""
     return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
 
 
 def pins(source: ColumnDataSource) -> list[Any]:
-    """Numbers in discs."""
+    """Return numbers in discs."""
     disc = Scatter(x="x", y="y", marker="circle", size=20, fill_color="white", line_color="black", line_width=1.5)
     number = Text(
         x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="12px",

@@ -13,8 +13,9 @@ from gear_rattle.service.explorer.files import asset
 
 
 class SurveyList(JSComponent):
-    """The surveys; `chosen` is the id of one of them. `on_action` is called with what is to be done to which, and with
-    what a viewer has entered.
+    """The surveys; `chosen` is the id of one of them.
+
+    `on_action` is called with what is to be done to which, and with what a viewer has entered.
     """
 
     rows = param.List(default=[])

@@ -42,11 +42,14 @@ class Viewer:
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:
-        """The caller, if it still may. Reads the database: for a thread.
+        """Return the caller, if it still may. Reads the database: for a thread.
 
-        Raises:
-            UnauthorizedError: its key was revoked, or there is none.
-            ForbiddenError: its key does not allow this.
+        Raises
+        ------
+        UnauthorizedError
+            Its key was revoked, or there is none.
+        ForbiddenError
+            Its key does not allow this.
         """
         if self._caller is None:
             raise UnauthorizedError("Sign in to see this page.")

@@ -18,8 +18,9 @@ EXACT = "0[.][0000000000000000]"
 
 
 class Entry(NamedTuple):
-    """How a number of a machine is entered: what it is, its unit, how many of it the SI unit is, what is there at
-    first.
+    """How a number of a machine is entered.
+
+    What it is, its unit, how many of it the SI unit is, what is there at first.
     """
 
     name: str
@@ -33,7 +34,7 @@ class Entry(NamedTuple):
         return f"{self.name}, {self.unit}"
 
     def entered(self, value: float) -> float:
-        """A number of the library in this unit."""
+        """Return a number of the library in this unit."""
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def meant(self, value: float | None) -> float | None:
@@ -56,12 +57,13 @@ POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
 
 
 def in_unit(name: str, value: float) -> str:
-    """A number of a machine in its unit, for people."""
+    """Return a number of a machine in its unit, for people."""
     return f"{NUMBERS[name].entered(value):.6g}"
 
 
 def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
-    """The speeds and eccentricities of a window of the plane, each (low, high): what is fast has little damping."""
+    """Return the speeds and eccentricities of a window of the plane, each (low, high): what is fast has little damping.
+    """
     return {
         "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
         "eccentricity": (float(machine.eccentricity(epsilon[0])), float(machine.eccentricity(epsilon[1]))),
@@ -69,7 +71,7 @@ def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, 
 
 
 def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) -> Machine | None:
-    """The machine of a survey at a point; None without one, or where nothing turns so fast."""
+    """Return the machine of a survey at a point; None without one, or where nothing turns so fast."""
     if machine is None:
         return None
     try:
@@ -79,7 +81,8 @@ def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) ->
 
 
 def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """The pair of gears of a point at another one; None without one, or where a stiffness would be another one."""
+    """Return the pair of gears of a point at another one; None without one, or where a stiffness would be another one.
+    """
     if machine is None or (machine.stiffness is not None and delta != machine.delta):
         return None
     speed, eccentricity = machine.speed * machine.delta / delta, epsilon * machine.units.length

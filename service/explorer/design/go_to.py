@@ -17,8 +17,10 @@ from rattle import RattleError
 
 
 class GoTo:
-    """The names, and a button that opens the fields, which are made then; `on_point` gets (δ, ε), `on_machine` a
-    machine, and `on_place` a place, of which it says why it cannot be shown, if so.
+    """The names, and a button that opens the fields, which are made then.
+
+    `on_point` gets (δ, ε), `on_machine` a machine, and `on_place` a place, of which it says why it cannot be shown, if
+    so.
     """
 
     def __init__(

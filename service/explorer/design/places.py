@@ -31,7 +31,7 @@ class Place:
 
 
 def places() -> dict[str, Place]:
-    """All of them, by name."""
+    """Return all of them, by name."""
     return dict(_places())
 
 

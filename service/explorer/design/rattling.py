@@ -14,7 +14,7 @@ SECONDS, RATE = 3.0, 22050  # of a sound
 
 
 def intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
-    """The intensity of each attractor, None of one that cannot be followed; undecided ones have NaN."""
+    """Return the intensity of each attractor, None of one that cannot be followed; undecided ones have NaN."""
     return tuple(_intensity(gear, each) for each in attractors)
 
 
@@ -31,7 +31,7 @@ def spectrum(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
 
 
 def sound(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
-    """The motion as a WAV file, its loudest sample as loud as can be; silence if it is quiet."""
+    """Return the motion as a WAV file, its loudest sample as loud as can be; silence if it is quiet."""
     return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
 
 

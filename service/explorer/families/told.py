@@ -44,8 +44,10 @@ class Extent:
 
 @dataclass(frozen=True)
 class Family:
-    """What is known of one. of_plane, of_samples: shares of the cells, and of the samples of all cells. borders: pairs
-    of neighbouring cells of which one has it, by the curves that pass between them.
+    """What is known of one. of_plane, of_samples.
+
+    Shares of the cells, and of the samples of all cells. borders: pairs of neighbouring cells of which one has it, by
+    the curves that pass between them.
     """
 
     name: str
@@ -66,7 +68,10 @@ class Stored(NamedTuple):
 def stored(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
     """What a store has of families, of this slice if there is a third axis. Blocks: for a thread.
 
-    Raises SurveyError: they are not there yet.
+    Raises
+    ------
+    SurveyError
+        : they are not there yet.
     """
     opened, along = partial(open_survey, place), request.along(number)
     return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
@@ -108,8 +113,9 @@ def family_of(found: Stored, plane: Plane, which: int) -> Family:
 
 
 def longest(there: np.ndarray) -> tuple[int, int, int]:
-    """The longest run of True in a row of (m, n): its row, its first column and the one after its last; the first one
-    of several, and an empty one if there is none.
+    """Return the longest run of True in a row of (m, n): its row, its first column and the one after its last.
+
+    The first one of several, and an empty one if there is none.
     """
     run = np.zeros(there.shape[0], np.int64)
     best = 0, 0, 0

@@ -39,8 +39,10 @@ ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
 class Known(NamedTuple):
-    """What is read of a survey, whatever its window: names of its families, and of the one that is chosen all that is
-    told, with its share in every cell; why: there is none of this number.
+    """What is read of a survey, whatever its window.
+
+    Names of its families, and of the one that is chosen all that is told, with its share in every cell; why: there is
+    none of this number.
     """
 
     names: list[str]

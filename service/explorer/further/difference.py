@@ -30,8 +30,9 @@ def require_small(request: SurveyRequest) -> None:
 
 
 class Difference(Plane):
-    """What a map has more than another one, float32; of codes, whether they differ. NaN where either has no value,
-    status 0 where either is not computed or the other one does not reach.
+    """What a map has more than another one, float32; of codes, whether they differ.
+
+    NaN where either has no value, status 0 where either is not computed or the other one does not reach.
 
     `is_same_grid` says that both have the same cells; else each is compared with that of the other which it is in.
     """
@@ -66,5 +67,5 @@ class Difference(Plane):
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """All that the first survey has of the cell at a point. Blocks: for a thread."""
+        """Return all that the first survey has of the cell at a point. Blocks: for a thread."""
         return self._first.cell(delta, epsilon)

@@ -19,8 +19,9 @@ from gear_rattle.service.explorer.map.view import MapView
 
 
 class FurtherMaps:
-    """`places` are where they are shown, `add` is the button for another one; `map` gives the first map, which keeps
-    what is chosen in its view.
+    """`places` are where they are shown, `add` is the button for another one.
+
+    `map` gives the first map, which keeps what is chosen in its view.
     """
 
     def __init__(self, shared: Shared, viewer: Viewer, theme: str, sheet: str, first: Callable[[], MapView]) -> None:

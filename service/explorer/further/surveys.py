@@ -14,7 +14,7 @@ def request_of(job: JobRow) -> SurveyRequest:
 
 
 def surveys_of(jobs: Mapping[str, JobRow]) -> dict[str, str]:
-    """The surveys that can be chosen, a slice each, by their names in words."""
+    """Return the surveys that can be chosen, a slice each, by their names in words."""
     surveys: dict[str, str] = {}
     for each in jobs.values():
         for name, number, words in _slices(each) if each.is_readable else []:

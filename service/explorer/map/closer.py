@@ -1,5 +1,6 @@
-"""What is drawn of the window that is looked at, over the cells of a whole survey: all of its cells, or finer ones that
-the workers compute while the viewer stays there and no longer.
+"""What is drawn of the window that is looked at, over the cells of a whole survey.
+
+All of its cells, or finer ones that the workers compute while the viewer stays there and no longer.
 """
 
 from __future__ import annotations
@@ -59,7 +60,10 @@ class Closer:
     def show(self, plane: Plane, variable: str | None, index: int, window: Ranges | None) -> None:
         """Draw what the survey has of this window, or all of it, and then what is finer.
 
-        variable: which map is computed finer, None for one that only surveys have.
+        Parameters
+        ----------
+        variable : str | None
+            Which map is computed finer, None for one that only surveys have.
         """
         self.forget()
         self._say("")

@@ -72,19 +72,19 @@ def _share(block: Block, code: int, shown: np.ndarray, computed: int) -> float:
 
 
 def values_shown(plane: Plane, block: Block) -> np.ndarray:
-    """The values of a block; NaN where a cell has none."""
+    """Return the values of a block; NaN where a cell has none."""
     without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
     return np.where(without, np.float32(np.nan), block.values)
 
 
 def window_shown(plane: Plane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
-    """The values of the cells of a window, and where these are. Blocks: for a thread."""
+    """Return the values of the cells of a window, and where these are. Blocks: for a thread."""
     block = plane.block(window, room)
     return values_shown(plane, block), block.box
 
 
 def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """The colours of a map, of which this is drawn in so much room. Blocks: for a thread."""
+    """Return the colours of a map, of which this is drawn in so much room. Blocks: for a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = layers_of(plane, block)
     reasons = np.zeros(values.shape, np.uint8)

@@ -42,11 +42,11 @@ class History:
         self._after = []
 
     def back(self, now: Ranges | None) -> Ranges | None:
-        """The window before this one; this one if there is none."""
+        """Return the window before this one; this one if there is none."""
         return self._turn(self._before, self._after, now)
 
     def forward(self, now: Ranges | None) -> Ranges | None:
-        """The window after this one, that `back` has left."""
+        """Return the window after this one, that `back` has left."""
         return self._turn(self._after, self._before, now)
 
     @staticmethod
@@ -136,7 +136,7 @@ def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> flo
 
 
 def following(window: Ranges, at: Pair) -> Ranges:
-    """The window, moved so that it holds the cursor, if it does not."""
+    """Return the window, moved so that it holds the cursor, if it does not."""
     delta, epsilon = (_following(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon
 
@@ -152,7 +152,7 @@ def _following(span: Pair, value: float) -> Pair:
 
 
 def zoomed(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """The window, narrower by a factor about the cursor; none wider than WIDEST times the survey."""
+    """Return the window, narrower by a factor about the cursor; none wider than WIDEST times the survey."""
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)
         for (low, high), value, (left, right) in zip(window, at, box, strict=True)

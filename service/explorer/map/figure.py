@@ -36,8 +36,10 @@ LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells wel
 
 
 class Map:
-    """The figure. `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε),
-    `on_window` a window or None for all. beside: the map whose window this one has.
+    """The figure.
+
+    `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε), `on_window` a window
+    or None for all. beside: the map whose window this one has.
     """
 
     def __init__(
@@ -158,7 +160,7 @@ class Map:
         self.figure.on_event(Reset, in_event_loop(lambda _event: on_reset()))
 
     def _is_inside(self, delta: float, epsilon: float) -> bool:
-        """Whether a point is on the map, and not beside it, where axes are."""
+        """Return whether a point is on the map, and not beside it, where axes are."""
         x, y = self.figure.x_range, self.figure.y_range
         return bool(x.start <= delta <= x.end and y.start <= epsilon <= y.end)
 

@@ -40,8 +40,9 @@ WHOLE = frozenset({CRISIS, LIMIT})  # lines that no window changes
 
 
 class Lines:
-    """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off, or asks for
-    another design limit.
+    """The lines that may be drawn on a map.
+
+    `on_chosen` is called when the viewer switches some on or off, or asks for another design limit.
     """
 
     def __init__(
@@ -167,7 +168,7 @@ class Lines:
 
 
 def entries(model: Model) -> list[dict[str, Any]]:
-    """The overlays as the key of a map of this model lists them."""
+    """Return the overlays as the key of a map of this model lists them."""
     return [
         {
             "name": name,
@@ -202,7 +203,8 @@ def _not_of(model: Model) -> str:
 
 
 def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
+    """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread.
+    """
     if name not in model.curve_names:
         return [], _not_of(model)
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
@@ -224,13 +226,16 @@ def usual_lines(model: Model, window: Ranges) -> None:
 
 
 def split(line: np.ndarray) -> list[np.ndarray]:
-    """A line (k, 2) with NaN between its pieces, as a list of the pieces."""
+    """Return a line (k, 2) with NaN between its pieces, as a list of the pieces."""
     gaps = np.flatnonzero(np.isnan(line[:, 0]))
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
 def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
-    """The codimension-two points in a window: name, δ, ε. For a thread. The name of another one would reach into it."""
+    """Return the codimension-two points in a window: name, δ, ε.
+
+    For a thread. The name of another one would reach into it.
+    """
     (left, right), (bottom, top) = window
     return [
         (point.name, point.delta, point.epsilon)

@@ -56,7 +56,7 @@ class Block:
     without: float | None = None
 
     def at(self, delta: float, epsilon: float) -> float | None:
-        """The value at a point; None outside."""
+        """Return the value at a point; None outside."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         return None if j is None or i is None else float(self.values[i, j])
 
@@ -122,14 +122,17 @@ class Plane:
         return box_of(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
-        """Whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
+        """Return whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
     def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> Block:
-        """The cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon).
+        """Return the cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon).
 
-        anywhere: of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that
-        is kept.
+        Parameters
+        ----------
+        anywhere : bool
+            Of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that is
+            kept.
         """
         (j, end_j), (i, end_i) = (
             _within(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
@@ -161,7 +164,7 @@ class Plane:
         return self._cells(slice(None), slice(None))
 
     def enlarged(self, window: Ranges) -> Block:
-        """A window that is far narrower than the survey, each point of it as the cell that it is in."""
+        """Return a window that is far narrower than the survey, each point of it as the cell that it is in."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
@@ -185,7 +188,7 @@ class Plane:
         return float(value[0, 0]), int(status[0, 0])
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """All that the survey has of the cell at a point, loaded; None outside of it. Blocks: for a thread."""
+        """Return all that the survey has of the cell at a point, loaded; None outside of it. Blocks: for a thread."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
@@ -285,12 +288,16 @@ class Atlas:
         self._planes: OrderedDict[Key, Plane] = OrderedDict()
 
     def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[Plane, bool]:
-        """A map, of a third axis the one of this slice, and whether all that is there of it has been read; if not, ask
-        again. One of slots is read anew when the survey has ended: they may have been moved.
+        """Return a map, of a third axis the one of this slice, and whether all that is there of it has been read.
 
-        Raises:
-            MissingError: the survey has no numbers yet.
-            SurveyError: it has no such map, or cannot be read.
+        If not, ask again. One of slots is read anew when the survey has ended: they may have been moved.
+
+        Raises
+        ------
+        MissingError
+            The survey has no numbers yet.
+        SurveyError
+            It has no such map, or cannot be read.
         """
         key = (job.id, variable, index, number, variable in IN_SLOTS and job.state == State.SUCCESSFUL)
         with self._lock:
@@ -325,7 +332,10 @@ class Atlas:
 
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
-    """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
+    """Return the variables of a survey that are maps, in the order of the store.
+
+    Each with the names of its several maps.
+    """
     from gear_rattle.workers.survey.values.quantities import held, labels_of
 
     joined = {LARGEST: WHICH} if Group.FAMILIES in request.quantities else {}
@@ -337,7 +347,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
 
 def names_of(request: SurveyRequest) -> dict[str, Chosen]:
-    """The same one by one, by their names in words."""
+    """Return the same one by one, by their names in words."""
     named = {}
     for name, labels in maps_of(request).items():
         words = name.replace("_", " ")

@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 
 def in_closed_form(request: SurveyRequest, variable: str) -> bool:
-    """Whether a map of a survey is known before it is computed."""
+    """Return whether a map of a survey is known before it is computed."""
     if variable == LARGEST:
         return False
     found = map_quantity(variable, 0, request)
@@ -47,8 +47,9 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
 
 
 def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
-    """Return the map of a survey that is shown unless another one is chosen: the first that it has, and while it is
-    computed one that fills in.
+    """Return the map of a survey that is shown unless another one is chosen.
+
+    The first that it has, and while it is computed one that fills in.
     """
     first, *others = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
     if not is_computed or not in_closed_form(request, first):
@@ -63,10 +64,10 @@ class WithoutSurvey(Protocol):
     request: SurveyRequest
 
     def plane(self, variable: str, index: int) -> Plane:
-        """A map of it. Blocks: for a thread."""
+        """Return a map of it. Blocks: for a thread."""
 
     def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
-        """A map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
+        """Return a map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
 def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
@@ -123,7 +124,10 @@ class Shared:
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
-        """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""
+        """Return the map of a survey, whether that is all there is by now, and what is drawn of it.
+
+        Blocks: for a thread.
+        """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
         if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
@@ -136,7 +140,7 @@ class Shared:
         return plane, True, *drawn(ref(plane), *how)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
-        """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
+        """Return a map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False
@@ -145,7 +149,7 @@ class Shared:
         return plane
 
     def exact_map(self, view: View) -> tuple[Plane, Block, Colouring]:
-        """The map without any survey, and what is drawn of it. Blocks: for a thread."""
+        """Return the map without any survey, and what is drawn of it. Blocks: for a thread."""
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()
         return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXACT)

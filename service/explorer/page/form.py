@@ -157,7 +157,7 @@ class Form:
         self.seed.value = request.seed
 
     def fields(self) -> dict[str, Any]:
-        """The body of `POST /v1/surveys` that the form stands for."""
+        """Return the body of `POST /v1/surveys` that the form stands for."""
         return {
             "name": self.name.value,
             **(self.machine.fields() if self.in_si.value else self._plain_fields()),
@@ -242,7 +242,7 @@ class Form:
 
 
 def what_is_wrong(error: Exception) -> str:
-    """The first thing that is wrong with a request, in words."""
+    """Return the first thing that is wrong with a request, in words."""
     if isinstance(error, ValidationError):
         first = field_errors_of(error.errors())[0]
         return f"{first.field}: {first.message}" if first.field else first.message
@@ -250,13 +250,13 @@ def what_is_wrong(error: Exception) -> str:
 
 
 def in_words(found: Estimate) -> str:
-    """A cost, and what it rests on."""
+    """Return a cost, and what it rests on."""
     about = "at most about" if found.is_most else "about"
     return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
 
 
 def lasting(seconds: float) -> str:
-    """A duration in the unit that suits it."""
+    """Return a duration in the unit that suits it."""
     for unit, size in (("days", 172_800.0), ("hours", 7200.0), ("min", 120.0)):
         if seconds >= size:
             whole = {"days": 86_400.0, "hours": 3600.0, "min": 60.0}[unit]

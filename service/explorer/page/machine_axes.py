@@ -39,7 +39,7 @@ class MachineAxes:
         )  # fmt: skip
 
     def fields(self) -> dict[str, Any]:
-        """The machine of a request, with its axes."""
+        """Return the machine of a request, with its axes."""
         axes = {
             name: {
                 "start": NUMBERS[name].meant(start.value),

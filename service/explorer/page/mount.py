@@ -135,8 +135,9 @@ class Explorer:
         return found
 
     def _looked(self) -> None:
-        """Start processes for the first click, which nobody needs where nobody looks. Sooner they would take the
-        processors from the first page.
+        """Start processes for the first click, which nobody needs where nobody looks.
+
+        Sooner they would take the processors from the first page.
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:

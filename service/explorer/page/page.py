@@ -43,7 +43,7 @@ class _Template(pn.Template):
 
 
 def open_page(shared: Shared) -> pn.Template:
-    """A new page, for the caller of the request that is being answered, with the view of its URL."""
+    """Return a new page, for the caller of the request that is being answered, with the view of its URL."""
     document = pn.state.curdoc
     assert document is not None  # Panel has set it
     viewer = Viewer(shared.front, CALLER.get(), document)

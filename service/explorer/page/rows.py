@@ -17,7 +17,7 @@ STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the
 
 
 def row_of(standing: Standing, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
-    """A survey as the list shows it in this view; seen: of the map that is drawn."""
+    """Return a survey as the list shows it in this view; seen: of the map that is drawn."""
     job = standing.job
     state, message = job.shown
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -65,7 +65,8 @@ def _values(given: Any) -> str:
 
 
 def machine_facts(request: SurveyRequest) -> list[list[str]]:
-    """The speeds and eccentricities of a survey of a machine, and its other numbers; nothing of another survey."""
+    """Return the speeds and eccentricities of a survey of a machine, and its other numbers; nothing of another survey.
+    """
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:
         return []

@@ -47,7 +47,7 @@ class SampleFields:
         return {"tau_min": self._tau_min.value, "tau_max": self._tau_max.value, "v_min": self._v_min.value}
 
     def slots(self) -> dict[str, Any]:
-        """How many slots, and what decides which."""
+        """Return how many slots, and what decides which."""
         return {"slots": self._slots.value, "slots_by": self._by.value or None}
 
     def fill(self, request: SurveyRequest) -> None:

@@ -43,8 +43,9 @@ def known(pin: Pin, count: int) -> Known:
 
 
 def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[str]]:
-    """The lines of the table, each with its head and a cell for each pin; what is not known is being computed, or says
-    why it cannot be.
+    """Return the lines of the table, each with its head and a cell for each pin.
+
+    What is not known is being computed, or says why it cannot be.
     """
     lines = [
         ["Damping δ", *(number(each.delta, 6) for each in pins)],
@@ -91,7 +92,10 @@ def _share(each: rattle.Attractor) -> str:
 
 
 def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
-    """A line for each attractor of each pin that is known; numbers as they are, to be read back to the same bits."""
+    """Return a line for each attractor of each pin that is known.
+
+    Numbers as they are, to be read back to the same bits.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)

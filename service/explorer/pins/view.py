@@ -49,10 +49,14 @@ class PinTable(JSComponent):
 class Pins:
     """The pins of a page.
 
-    Args:
-        pins: those of its address.
-        remember: told when there are others.
-        go: shows the point of a pin.
+    Parameters
+    ----------
+    pins
+        Those of its address.
+    remember
+        Told when there are others.
+    go
+        Shows the point of a pin.
     """
 
     def __init__(

@@ -1,5 +1,6 @@
-"""Regions and period-one motions, which are closed forms: the paper's plane without any survey, and those of a survey
-before it is computed.
+"""Regions and period-one motions, which are closed forms.
+
+The paper's plane without any survey, and those of a survey before it is computed.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class ExactPlane(Plane):
         self.status = np.ones(self.values.shape, np.int8)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """The region and the motions A to D of a point."""
+        """Return the region and the motions A to D of a point."""
         if delta <= 0 or epsilon < 0:
             return None
         here = replace(self._evaluated, delta=np.array([delta]), epsilon=np.array([epsilon]))
@@ -67,7 +68,7 @@ class Beforehand(ExactPlane):
         self.plane, self._evaluated = self.plane.copy(), replace(cells)  # and not what it was made from
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """All that the survey has of the cell at a point, or its closed forms; None outside of it."""
+        """Return all that the survey has of the cell at a point, or its closed forms; None outside of it."""
         if self.at(delta, epsilon) is None:
             return None
         with suppress(MissingError):  # the survey waits

@@ -19,8 +19,9 @@ FINENESS = ((100, "cells"), (300, "refined"))  # cells a side of the basins, at 
 
 
 class Along:
-    """`gear` is the one that is looked at, and `attractors` its own, none of the point itself. `looked` is called when
-    that is another one, with its place on the way from 0 to 1, None for the point itself.
+    """`gear` is the one that is looked at, and `attractors` its own, none of the point itself.
+
+    `looked` is called when that is another one, with its place on the way from 0 to 1, None for the point itself.
     """
 
     def __init__(

@@ -155,7 +155,7 @@ def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette
 
 
 def caption(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
-    """The legend, and how fine the picture is, in HTML."""
+    """Return the legend, and how fine the picture is, in HTML."""
     side = basins.tau.size
     how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
     return legend(basins, lines, palette) + how

@@ -29,8 +29,9 @@ NO_ATTRACTOR = "#8a96a3"
 
 
 class Choices:
-    """The motion with its spectrum and sound, the diagram and the tolerances of one point; what is chosen is
-    remembered. `own_again` is called when the point's own basins are looked at again.
+    """The motion with its spectrum and sound, the diagram and the tolerances of one point.
+
+    What is chosen is remembered. `own_again` is called when the point's own basins are looked at again.
     """
 
     def __init__(

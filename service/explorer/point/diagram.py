@@ -101,7 +101,7 @@ def along(found: DiagramLines) -> str:
 
 
 def table(found: DiagramLines) -> str:
-    """The events in HTML, those on curves of the map first; a click on one goes there."""
+    """Return the events in HTML, those on curves of the map first; a click on one goes there."""
     if not found.events:
         return ""
     rows = []
@@ -121,7 +121,7 @@ def table(found: DiagramLines) -> str:
 
 
 def caption(found: DiagramLines) -> str:
-    """A sentence on what the picture shows."""
+    """Return a sentence on what the picture shows."""
     named = sorted({name for name in found.marks.name if name})
     motions = len({each.motion for each in found.strokes})
     curves = f", among them {', '.join(named)}" if named else ""

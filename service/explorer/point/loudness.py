@@ -30,7 +30,7 @@ def intensity_table(
     machine: Machine | None,
     palette: Palette,
 ) -> str:
-    """The intensities of attractors, in SI units where there is a machine."""
+    """Return the intensities of attractors, in SI units where there is a machine."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
         swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
@@ -106,13 +106,13 @@ class SpectrumPicture:
 
 
 def spectrum_caption(found: Lines | Density, what: str) -> str:
-    """A sentence on what the picture shows."""
+    """Return a sentence on what the picture shows."""
     if isinstance(found, Density):
         return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
     return f"Order spectrum of the force between the teeth, {what}: its lines, of orders of either sign, exact."
 
 
 def player(file: bytes) -> str:
-    """A WAV file, played as soon as it is there."""
+    """Return a WAV file, played as soon as it is there."""
     data = b64encode(file).decode("ascii")
     return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

@@ -69,7 +69,10 @@ class MotionPictures:
 
 
 def caption(found: rattle.Trajectory, what: str, attractor: rattle.Attractor | None = None) -> str:
-    """A sentence on what the pictures show; of a periodic attractor its own numbers, which no end of a picture cuts."""
+    """Return a sentence on what the pictures show.
+
+    Of a periodic attractor its own numbers, which no end of a picture cuts.
+    """
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper
     if found.rest < np.inf:

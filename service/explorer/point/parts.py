@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def highest_speed(delta: float, epsilon: float, beta: float) -> float:
-    """The largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
+    """Return the largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
     return sampled_speed(None, delta, epsilon, beta)
 
 
@@ -88,8 +88,9 @@ class Stroke(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """The impacts (n,) of all events: parameter, v, τ, the kind (SN, PD, GR), the name of the event's curve or "", and
-    the motion that it happens to.
+    """The impacts (n,) of all events.
+
+    Parameter, v, τ, the kind (SN, PD, GR), the name of the event's curve or "", and the motion that it happens to.
     """
 
     x: Array
@@ -112,8 +113,9 @@ class Happening(NamedTuple):
 
 
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see; along which axis,
-    or as fractions of the way to a point `to`.
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see.
+
+    Along which axis, or as fractions of the way to a point `to`.
     """
 
     direction: str
@@ -128,7 +130,7 @@ class DiagramLines(NamedTuple):
 
 
 def chances(gear: AnyGear, count: int) -> Chances:
-    """The attractors of a sample of so many initial conditions; letters where they cost nothing."""
+    """Return the attractors of a sample of so many initial conditions; letters where they cost nothing."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
@@ -136,7 +138,7 @@ def chances(gear: AnyGear, count: int) -> Chances:
 
 
 def period_one(gear: AnyGear) -> PeriodOne:
-    """The period-one motions and their region: at once where they are closed forms, else by continuation."""
+    """Return the period-one motions and their region: at once where they are closed forms, else by continuation."""
     return PeriodOne(gear.region(), gear.orbits())
 
 
@@ -153,7 +155,7 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
 
 
 def lettered(found: Chances, orbits: Iterable[rattle.Orbit]) -> Chances:
-    """The same with the letters of these period-one motions."""
+    """Return the same with the letters of these period-one motions."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
 
@@ -165,7 +167,7 @@ def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
 
 
 def margin(gear: Any) -> Margin:
-    """How hard an impact loses quiet motion, of a gear whose model has a margin."""
+    """Return how hard an impact loses quiet motion, of a gear whose model has a margin."""
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
@@ -201,8 +203,8 @@ def diagram(
     steps: int | None = None,
     count: int | None = None,
 ) -> DiagramLines:
-    """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for; or
-    from there to another point (δ, ε).
+    """Return the one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for;
+    or from there to another point (δ, ε).
     """
     from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
     from rattle.plot import name_of as name_of_type
@@ -264,7 +266,7 @@ def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
 
 
 def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
-    """The motion from one state."""
+    """Return the motion from one state."""
     return gear.trajectory(tau, v, periods, points)
 
 

@@ -22,9 +22,11 @@ MOST_ATTRACTORS = 1000
 
 @dataclass(frozen=True)
 class PointState:
-    """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction and how
-    far it goes either way, None for as far as usual, or the point that it goes to; tolerances, if any were given; where
-    on the way of the diagram, from 0 to 1, basins and motion are looked at, None for the point itself.
+    """The attractor (its place by falling share) or the initial condition (τ, v) shown.
+
+    The diagram's direction and how far it goes either way, None for as far as usual, or the point that it goes to;
+    tolerances, if any were given; where on the way of the diagram, from 0 to 1, basins and motion are looked at, None
+    for the point itself.
     """
 
     attractor: int | None = None
@@ -37,7 +39,7 @@ class PointState:
 
     @classmethod
     def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
-        """The state that these texts describe; what cannot be read, or is beyond v_max, is as by default."""
+        """Return the state that these texts describe; what cannot be read, or is beyond v_max, is as by default."""
         direction = str(text.get("direction", ""))
         return cls(
             _attractor(text.get("attractor")),
@@ -50,7 +52,7 @@ class PointState:
         )
 
     def text(self) -> dict[str, str]:
-        """The texts that describe it, none for what is as by default."""
+        """Return the texts that describe it, none for what is as by default."""
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
             said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
@@ -84,7 +86,7 @@ def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
 
 
 def span_of(given: object) -> float | None:
-    """How far a diagram goes either way, None for as far as usual and if that cannot be read."""
+    """Return how far a diagram goes either way, None for as far as usual and if that cannot be read."""
     try:
         span = float(str(given))
     except ValueError:
@@ -93,7 +95,7 @@ def span_of(given: object) -> float | None:
 
 
 def share_of(given: object) -> float | None:
-    """A number from 0 to 1, None if it is none."""
+    """Return a number from 0 to 1, None if it is none."""
     try:
         share = float(str(given))
     except ValueError:
@@ -107,14 +109,14 @@ def way_of(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
 
 
 def place_on(way: tuple[Pair, Pair], share: float) -> Pair:
-    """The point (δ, ε) so far on a way from 0 to 1."""
+    """Return the point (δ, ε) so far on a way from 0 to 1."""
     (delta, epsilon), (to_delta, to_epsilon) = way
     left = 1.0 - share  # so that the ends are exact
     return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
 def point_of(given: object) -> Pair | None:
-    """The point (δ, ε) that a text describes, None if it is none."""
+    """Return the point (δ, ε) that a text describes, None if it is none."""
     try:
         delta, epsilon = map(float, str(given).split(","))
     except ValueError:
@@ -123,7 +125,7 @@ def point_of(given: object) -> Pair | None:
 
 
 def tolerance_of(given: object) -> Tolerance | None:
-    """The tolerance that a text describes, None if it cannot be read."""
+    """Return the tolerance that a text describes, None if it cannot be read."""
     try:
         found = Tolerance(*map(float, str(given).split(",")))
     except (TypeError, ValueError):
@@ -134,7 +136,7 @@ def tolerance_of(given: object) -> Tolerance | None:
 def stands_for(
     point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: Model
 ) -> tuple[Machine | None, Model]:
-    """The machine and the model of a point, of a survey with these, or of a machine that was entered."""
+    """Return the machine and the model of a point, of a survey with these, or of a machine that was entered."""
     if entered is None:
         return machine_at(machine, *point), model
     found = entered.machine

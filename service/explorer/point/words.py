@@ -20,7 +20,7 @@ ENOUGH = 5e-4  # a share below it is not said to be 0
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number for people: so many significant digits, a real minus sign, a dash where there is none."""
+    """Return a number for people: so many significant digits, a real minus sign, a dash where there is none."""
     if math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -29,7 +29,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in per cent: three digits, and neither 0 nor 100 unless it is."""
+    """Return a share in per cent: three digits, and neither 0 nor 100 unless it is."""
     if 0 < share < ENOUGH:
         return "less than 0.05 %"
     if 1 - ENOUGH < share < 1:
@@ -38,14 +38,14 @@ def percent(share: float) -> str:
 
 
 def complex_number(value: complex) -> str:
-    """A multiplier."""
+    """Return a multiplier."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number(value.real)
     return f"{number(value.real)} {'+' if value.imag > 0 else MINUS} {number(abs(value.imag))}i"
 
 
 def pair(values: tuple[complex, complex] | None) -> str:
-    """Both multipliers, as one where they are conjugate."""
+    """Return both multipliers, as one where they are conjugate."""
     if values is None:
         return "–"
     first, second = values
@@ -88,7 +88,7 @@ def where(gear: AnyGear) -> str:
 
 
 def in_si(machine: Machine) -> str:
-    """A point as a machine, and what the model's units are there."""
+    """Return a point as a machine, and what the model's units are there."""
     units = machine.units
     quiet = machine.gear.quiet_limit * units.length
     stiff = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
@@ -100,7 +100,7 @@ def in_si(machine: Machine) -> str:
 
 
 def how_likely(gear: AnyGear, found: Chances) -> str:
-    """How likely the gear is to run quietly, and what it does otherwise."""
+    """Return how likely the gear is to run quietly, and what it does otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
@@ -126,7 +126,7 @@ def how_likely(gear: AnyGear, found: Chances) -> str:
 
 
 def how_safe(gear: AnyGear, found: Margin) -> str:
-    """How hard an impact must be to end quiet running, and where that leads."""
+    """Return how hard an impact must be to end quiet running, and where that leads."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
     if math.isnan(found.v):
@@ -144,7 +144,7 @@ def how_safe(gear: AnyGear, found: Margin) -> str:
 
 
 def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table in HTML; the first cell of a row is its head. Cells are HTML."""
+    """Return a table in HTML; the first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:
@@ -155,7 +155,7 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> 
 
 
 def orbits_table(found: PeriodOne) -> str:
-    """The period-one orbits A to D that exist."""
+    """Return the period-one orbits A to D that exist."""
     if not found.orbits:
         return "<p>None of the period-one orbits A to D exists here.</p>"
     rows = (
@@ -186,7 +186,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
 
 
 def attractors_table(found: Chances, palette: Palette) -> str:
-    """The attractors, with fractions, exponents and multipliers."""
+    """Return the attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'

@@ -19,8 +19,9 @@ Ends = tuple[Pair, Pair]
 
 @dataclass(frozen=True)
 class Profile:
-    """Values (k,) along a line, NaN where a cell has none; it goes from one cell into the next `at` (k + 1,), from 0 to
-    1.
+    """Values (k,) along a line, NaN where a cell has none.
+
+    It goes from one cell into the next `at` (k + 1,), from 0 to 1.
 
     names: of codes, what each means. gaps: why there are no values, and on which share of the line. together: how many
     cells of the survey are one, along δ and along ε.
@@ -37,7 +38,12 @@ class Profile:
 def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where a line goes from one cell into the next, (k + 1,) from 0 to 1, and row and column (k,) of its cells.
 
-    box: what these rows and columns of cells of one size cover. Beyond it rows and columns are −1.
+    Beyond it rows and columns are −1.
+
+    Parameters
+    ----------
+    box : Ranges
+        What these rows and columns of cells of one size cover.
     """
     (x, y), (to_x, to_y) = ends
     ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))
@@ -87,7 +93,7 @@ def _together(plane: Plane, block: Block) -> tuple[int, int]:
 
 
 def in_words(found: Profile) -> str:
-    """A sentence on what a profile shows."""
+    """Return a sentence on what a profile shows."""
     cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
     gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())
     return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram below: {cells} that it crosses." + (

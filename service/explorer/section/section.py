@@ -30,8 +30,9 @@ NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."
 
 
 class Section:
-    """What stands above the diagram. `keep` remembers what is chosen in the view, `go_through` has the diagram drawn
-    from the open point to another one.
+    """What stands above the diagram.
+
+    `keep` remembers what is chosen in the view, `go_through` has the diagram drawn from the open point to another one.
     """
 
     def __init__(

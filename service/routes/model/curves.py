@@ -111,7 +111,7 @@ async def curves(
     epsilon_max: Eccentricity = 1.0,
     **added: float | None,
 ) -> Curves:
-    """A curve that does not cross the window has no points."""
+    """Return a curve that does not cross the window has no points."""
     window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
     for name, (low, high) in window.items():
         if not low < high:

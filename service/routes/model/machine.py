@@ -27,7 +27,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 def positive(description: str, example: float | None = None, *, zero: bool = False) -> Any:
-    """A parameter above 0, or of at least 0."""
+    """Return a parameter above 0, or of at least 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
@@ -57,7 +57,7 @@ async def machine_of_query(
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """The machine of the query. Raises ParameterError on what can only be in other units."""
+    """Return the machine of the query. Raises ParameterError on what can only be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
 
 
@@ -83,7 +83,7 @@ async def place_of_query(
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> Place:
-    """The point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
+    """Return the point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
     needed["rpm"] = rpm
     plain = {"delta": delta, "epsilon": epsilon}
@@ -153,8 +153,9 @@ class MachineDocument(_Numbers):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Both gears have this inertia, drag and radius. Numbers that can only be in other units, such as millimetres, are
-    refused with what to give instead.
+    """Return both gears have this inertia, drag and radius.
+
+    Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way

@@ -36,8 +36,9 @@ async def notebook(
     to_delta: Annotated[float | None, positive("the diagram goes from the point to this damping instead …")] = None,
     to_epsilon: Annotated[float | None, positive("… and this eccentricity", zero=True)] = None,
 ) -> Response:
-    """Of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram; nothing is computed
-    here.
+    """Of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram.
+
+    Nothing is computed here.
     """
     if (to_delta is None) != (to_epsilon is None):
         raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or none")

@@ -216,13 +216,13 @@ async def attractors(
 
 
 def point_document(gear: AnyGear) -> dict[str, Any]:
-    """The fields of `Point`."""
+    """Return the fields of `Point`."""
     point = gear.parameters.point()
     return {name: point[name] for name in ("delta", "epsilon", "beta")} | added_document(point)
 
 
 def attractor_document(item: rattle.Attractor) -> AttractorDocument:
-    """An attractor as it is answered."""
+    """Return an attractor as it is answered."""
     return AttractorDocument(
         kind=item.kind,
         m=item.m,

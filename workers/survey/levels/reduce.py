@@ -62,7 +62,7 @@ def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
 
 
 def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
+    """Yield numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
 
     NaN where no cell has one.
     """
@@ -78,8 +78,10 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
 
 
 def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Phases, of a circle of length 1, as STATISTICS: their mean direction in [0, 1), and where on either side of it
-    they reach to, the least perhaps below 0 and the largest perhaps 1 or more.
+    """Phases, of a circle of length 1, as STATISTICS.
+
+    Their mean direction in [0, 1), and where on either side of it they reach to, the least perhaps below 0 and the
+    largest perhaps 1 or more.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)

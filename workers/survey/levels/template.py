@@ -48,7 +48,7 @@ class Described(NamedTuple):
 
 
 def maps(request: SurveyRequest) -> list[Quantity]:
-    """The variables that levels have."""
+    """Return the variables that levels have."""
     return [each for each in held(request.quantities, request.model) if each.per_cell]
 
 
@@ -58,7 +58,7 @@ def meanings(quantity: Quantity) -> tuple[str, ...]:
 
 
 def described(quantity: Quantity) -> tuple[Described, ...]:
-    """The arrays that a level has of a variable; of complex numbers these are moduli."""
+    """Return the arrays that a level has of a variable; of complex numbers these are moduli."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"

@@ -19,8 +19,9 @@ ROUNDS = "refined_rounds"
 
 
 def draws(blocks: Blocks, seed: int) -> np.ndarray:
-    """A number from 0 to 1 for each cell of the frame (cells,), by the seed and where it is in the grid: those of the
-    least are audited.
+    """Return a number from 0 to 1 for each cell of the frame (cells,), by the seed and where it is in the grid.
+
+    Those of the least are audited.
     """
     rows, columns = (np.arange(span.start, span.stop, dtype=np.uint64) for span in blocks.frame)
     place = (rows[:, None] << np.uint64(32)) + columns
@@ -40,8 +41,9 @@ def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
 
 def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
-    """The upper end of a share's one-sided interval, 95 % sure (Clopper and Pearson, Biometrika 26 (1934) 404); 1 where
-    nothing was looked at.
+    """Return the upper end of a share's one-sided interval, 95 % sure (Clopper and Pearson, Biometrika 26 (1934) 404).
+
+    1 where nothing was looked at.
     """
     from scipy.special import betaincinv  # a tenth of a second to load
 

@@ -80,12 +80,12 @@ class Evidence:
         return Piece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
-        """Numbers that are equal where the same orbits exist, in cells of one block."""
+        """Return numbers that are equal where the same orbits exist, in cells of one block."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
     def uniform(self, leaves: Leaves) -> np.ndarray:
-        """Whether the same is known to exist in all cells of leaves (k,), whatever the share of the samples."""
+        """Return whether the same is known to exist in all cells of leaves (k,), whatever the share of the samples."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         known = square.inside & self.known[cell]
@@ -99,7 +99,7 @@ class Evidence:
         return same
 
     def chaotic(self, leaves: Leaves) -> np.ndarray:
-        """Whether samples of computed cells of leaves (k,) are chaotic or undecided."""
+        """Return whether samples of computed cells of leaves (k,) are chaotic or undecided."""
         if not self.sampled:
             return np.zeros(leaves.block.size, bool)
         square = self.blocks.square(leaves)
@@ -111,7 +111,10 @@ class Evidence:
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Which audited cells of leaves have something else than the edges of their leaf tell.
 
-        before: the code of the cells when only the edges were known.
+        Parameters
+        ----------
+        before : np.ndarray
+            The code of the cells when only the edges were known.
         """
         cell = self.blocks.cell(square)
         edge = square.inside & self.known[cell] & ~audited
@@ -129,7 +132,7 @@ class Evidence:
 
 
 def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
-    """Whether cells of leaves differ in whether they have something at all, beyond what samples miss by chance.
+    """Return whether cells of leaves differ in whether they have something at all, beyond what samples miss by chance.
 
     seen (…, k, n, n): samples that go to it; known (k, n, n): the cells that were sampled. A cell without any differs
     from one with FEW; and cells without any are too many if so many are not expected of a share that all have.
@@ -146,7 +149,7 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
 
 
 def labels_in(piece: Piece) -> np.ndarray:
-    """Numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
+    """Return numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)
     for part in (orbits.m, orbits.n_plus, orbits.n_minus):

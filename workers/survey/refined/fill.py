@@ -29,8 +29,10 @@ BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 @dataclass(frozen=True, eq=False)
 class RefinedCells(Cells):
-    """Cells of which only some were computed. table: the attractors of all, wider (rows,): as `Filling` has it, 0 of
-    computed cells. regions, source_level, audit, audit_leaf: of each cell.
+    """Cells of which only some were computed. table.
+
+    The attractors of all, wider (rows,): as `Filling` has it, 0 of computed cells. regions, source_level, audit,
+    audit_leaf: of each cell.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
@@ -57,7 +59,7 @@ class RefinedCells(Cells):
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """The values of a variable, as its registry has it."""
+        """Return the values of a variable, as its registry has it."""
         if quantity.name == "attractor_fraction_upper":
             return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":

@@ -28,8 +28,10 @@ class Filling(NamedTuple):
 
 
 class Related(NamedTuple):
-    """The orbits (n,) of a block: their row and column in it, their label by number, and equal numbers where they are
-    one: each becomes the other in the next cell.
+    """The orbits (n,) of a block.
+
+    Their row and column in it, their label by number, and equal numbers where they are one: each becomes the other in
+    the next cell.
     """
 
     existing: Piece
@@ -76,8 +78,9 @@ def related(existing: Piece) -> Related:
 
 @dataclass(frozen=True, eq=False)
 class _Leaf:
-    """A leaf that is filled: cell (n, n), the numbers of its cells in the frame; known, empty: which were computed, and
-    which are to be filled.
+    """A leaf that is filled: cell (n, n), the numbers of its cells in the frame.
+
+    Known, empty: which were computed, and which are to be filled.
     """
 
     evidence: Evidence
@@ -86,7 +89,7 @@ class _Leaf:
     empty: np.ndarray
 
     def without_orbits(self) -> list[Filling]:
-        """The rows where no periodic orbit exists."""
+        """Return the rows where no periodic orbit exists."""
         shares, spread = self._planes(np.zeros((int(self.known.sum()), 0)))
         return self._kinds(shares, spread)
 
@@ -199,8 +202,9 @@ def _normal(shares: np.ndarray) -> np.ndarray:
 
 
 def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Which part of a share each gets of those (k,) that share it, by weight; −1: none, as it is not listed. Where none
-    is listed, or none weighs anything, all get as much.
+    """Which part of a share each gets of those (k,) that share it, by weight; −1: none, as it is not listed.
+
+    Where none is listed, or none weighs anything, all get as much.
     """
     if not of.size:
         return np.zeros(0)

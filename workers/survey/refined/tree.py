@@ -131,7 +131,7 @@ class Tree:
 
 
 def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Whether one of the curves passes between a cell of the frame and the next one, along δ and along ε."""
+    """Return whether one of the curves passes between a cell of the frame and the next one, along δ and along ε."""
     rows, columns = blocks.frame
     found = []
     for along in range(2):

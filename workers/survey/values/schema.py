@@ -85,7 +85,7 @@ class Quantity:
         return fills.get(np.dtype(self.dtype).kind, 0)
 
     def is_of(self, model: str) -> bool:
-        """Whether a model has it."""
+        """Return whether a model has it."""
         needed = {self.needs, GROUP_NEEDS.get(self.group)} if self.group else {self.needs}
         return (needed - {None}) <= MODELS[model].has
 
@@ -120,7 +120,7 @@ class Quantity:
 
 
 def is_phase(name: str) -> bool:
-    """Whether a variable is a phase, of which 0.99 and 0.01 are neighbours."""
+    """Return whether a variable is a phase, of which 0.99 and 0.01 are neighbours."""
     return name.endswith("_phase")
 
 

@@ -75,7 +75,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 
 
 def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
-    """The state of A or C."""
+    """Return the state of A or C."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.there():
         return NONE
@@ -83,7 +83,7 @@ def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Int
 
 
 def two(rises: int, state: str, all_s: Column, squares: tuple[Interval, Interval]) -> str:
-    """The state of B or D."""
+    """Return the state of B or D."""
     runs = all_s.runs(rises, *squares)
     require(len(runs) < 2, f"there are {len(runs)}")
     if not runs:

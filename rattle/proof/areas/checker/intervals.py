@@ -32,13 +32,13 @@ def exact(text: str) -> Fraction:
 
 
 def between(low: Fraction, high: Fraction) -> Interval:
-    """The numbers from one to the other."""
+    """Return the numbers from one to the other."""
     first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
     return IV.mpf([first.a, last.b])
 
 
 def less(x: Any, y: Any) -> bool:
-    """Whether all numbers of one interval are below all of another; what is not a number is not."""
+    """Return whether all numbers of one interval are below all of another; what is not a number is not."""
     try:
         return bool((x - y).b < 0)
     except ValueError:
@@ -90,11 +90,11 @@ class Jet:
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
     def of(self, x: Interval, slope: Interval) -> "Jet":
-        """A function of it, from its value and its derivative."""
+        """Return a function of it, from its value and its derivative."""
         return Jet(x, times(slope, self.s), times(slope, self.d))
 
     def decay(self) -> "Jet":
-        """e^(−x)."""
+        """Return e^(−x)."""
         x = decayed(self.x)
         return self.of(x, -x)
 
@@ -114,12 +114,12 @@ def turned(angle: Interval) -> tuple[Interval, Interval]:
 
 
 def decayed(x: Interval) -> Interval:
-    """e^(−x)."""
+    """Return e^(−x)."""
     return IV.exp(-x) * (1 + SLACK)
 
 
 def force(d: Any, cosine: Any, sine: Any) -> Any:
-    """g where ε cos 2πt and ε sin 2πt are these."""
+    """Return g where ε cos 2πt and ε sin 2πt are these."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 
 

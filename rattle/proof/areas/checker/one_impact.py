@@ -33,7 +33,7 @@ class OneImpact:
             self.x = x if letter == "C" else -x
 
     def there(self) -> bool:
-        """Whether it is there at all points; else it is at none."""
+        """Return whether it is there at all points; else it is at none."""
         if self.unborn:
             return False
         if self.born and self.stays():
@@ -42,7 +42,7 @@ class OneImpact:
         return False
 
     def stays(self) -> bool:
-        """Whether −2β < Φ − β < 0 between two impacts."""
+        """Return whether −2β < Φ − β < 0 between two impacts."""
         parts = [(ZERO, ONE)]
         while parts:
             low, high = parts.pop()
@@ -58,7 +58,7 @@ class OneImpact:
         return True
 
     def touches(self) -> bool:
-        """Whether some place of the flight is beyond Σ⁻: looked for at one point, proved for all."""
+        """Return whether some place of the flight is beyond Σ⁻: looked for at one point, proved for all."""
         t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
         for _ in range(3):
             places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
@@ -69,7 +69,7 @@ class OneImpact:
         return less(box.about(height(*box.centre, self.x.a).x, height(*box.jets, self.x.a)), -2 * self.beta)
 
     def attracts(self) -> bool:
-        """Whether both multipliers are inside the unit circle everywhere; else one is outside everywhere."""
+        """Return whether both multipliers are inside the unit circle everywhere; else one is outside everywhere."""
         box = Box(ZERO, self.d)
 
         def ratio(d: Jet) -> Jet:  # X less than this, 2(1 + E)δ²/4π(1 − E), and more than 0

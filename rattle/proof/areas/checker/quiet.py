@@ -39,7 +39,7 @@ class Capture:
             require(less(h**2 * self.growth(part, h), 2 * UNDONE * self.d), "a bounce may be higher than the last")
 
     def force(self, t: Interval) -> tuple[Interval, Interval, Interval]:
-        """g, and r times sine and cosine of the time since it was least."""
+        """Return g, and r times sine and cosine of the time since it was least."""
         sine, cosine = turned(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
@@ -69,7 +69,7 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def logarithm(self, t: Interval, x: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Three derivatives of ln (e^(2x) g), x = δ(t − t₀), along what is not damped; and e^(2x) g."""
+        """Return three derivatives of ln (e^(2x) g), x = δ(t − t₀), along what is not damped; and e^(2x) g."""
         w, (g, sine, cosine) = decayed(-x), self.force(t)
         k, d = 2 * PI, self.d
         f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g', g'', g''' over g
