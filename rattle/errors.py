@@ -85,7 +85,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _shortened(value: object) -> str:
-    """What was given, for a message; the digits of a huge integer cannot all be printed."""
+    """Return the value for a message; the digits of a huge integer cannot all be printed."""
     try:
         return repr(value)[:80]
     except ValueError:

@@ -38,14 +38,21 @@ class Tabular:
     """The part of a result that shows it: in a line, in a notebook as a table, and as a DataFrame."""
 
     def __repr__(self: Shown) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self: Shown) -> str:
         return html_of(self)
 
     def to_dataframe(self: Shown) -> DataFrame:
-        """Return its table: a row for each attractor of basins, event of a diagram, impact of an orbit, or point of a
-        branch or a curve.
+        """Return its table.
+
+        A row for each attractor of basins, event of a diagram, impact of an orbit, or point of a branch or a curve.
+
+        Returns
+        -------
+        DataFrame
+            The table.
 
         Raises
         ------
@@ -56,12 +63,12 @@ class Tabular:
 
 
 def line_of(result: Shown) -> str:
-    """What `repr` says of a result."""
+    """Return the text that `repr` shows for a result."""
     return f"<{result._caption()}>"
 
 
 def html_of(result: Shown) -> str:
-    """What a notebook shows of a result."""
+    """Return the HTML that a notebook shows for a result."""
     return html(result._caption(), result._columns())
 
 

@@ -77,7 +77,7 @@ class Parameter:
 
     @property
     def advice(self) -> str:
-        """What to give, in words."""
+        """Advice for the value, in words."""
         return f"such as {self.example:g}"
 
     @property

@@ -44,6 +44,7 @@ class Commands(TyperGroup):
     """The commands; what is wrong with a value is said in this project's words, not in pydantic's, which typer uses."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        """Run the command, and turn its errors into one line and an exit code."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:

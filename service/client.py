@@ -61,11 +61,13 @@ class Client:
         self.headers = key_headers(key)
 
     def __enter__(self) -> Self:
+        """Enter the context."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Close on leaving the context."""
         self.close()
 
     def close(self) -> None:
@@ -201,7 +203,7 @@ class Client:
 
     @property
     def url(self) -> str:
-        """Where the service is."""
+        """Address of the service."""
         return str(self._http.base_url).rstrip("/")
 
 
@@ -219,21 +221,22 @@ class Job:
         self.document = document
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return f"<{self.kind} {self.id}: {self.state}, {self.document['progress']} %>"
 
     @property
     def kind(self) -> str:
-        """What it is: survey or population."""
+        """Kind of the job: survey or population."""
         return "population" if "answers" in self.document["links"] else "survey"
 
     @property
     def id(self) -> str:
-        """What the service knows it by."""
+        """Identifier of the job in the service."""
         return str(self.document["id"])
 
     @property
     def state(self) -> str:
-        """Where it stood when last asked: accepted, running, or one of FINAL."""
+        """State at the last request: accepted, running, or one of FINAL."""
         return str(self.document["state"])
 
     def _link(self, name: str) -> str:
@@ -242,7 +245,7 @@ class Job:
 
     @property
     def store_url(self) -> str:
-        """Where ``xr.open_zarr`` finds the results."""
+        """Address at which ``xr.open_zarr`` finds the results."""
         return self._client.url + self._link("store")
 
     def refresh(self) -> Self:
@@ -320,12 +323,21 @@ class Job:
         return open_results(self.store_url, self._client.headers)
 
     def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
-        """Return the map of one family of a survey that was computed with families: `gear_rattle.workers.open_family`.
+        """Return the map of one family of a survey that was computed with families.
+
+        As `gear_rattle.workers.open_family`.
         """
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
-        """What follows from a population that has ended: the answer of `GET /v1/populations/{population_id}/answers`.
+        """Return the answers of a population that has ended.
+
+        They are those of `GET /v1/populations/{population_id}/answers`.
+
+        Returns
+        -------
+        Document
+            The document.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the front end can refuse, as exceptions; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
+"""Errors of the front end; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
 
 Those that the client raises are names of `gear_rattle`, and say so.
 """
@@ -36,7 +36,7 @@ class UnauthorizedError(ServiceError):
 
 
 class ForbiddenError(ServiceError):
-    """Who asks is known or need not be, and still may not."""
+    """The caller is known, or need not be, and still may not do this."""
 
 
 class QuotaError(ForbiddenError):
@@ -92,7 +92,7 @@ class DirectoryAwayError(UnavailableError):
 
 
 class KernelsError(UnavailableError):
-    """What was asked for waits for kernels that are being compiled."""
+    """The request waits for kernels that are being compiled."""
 
     def __init__(self) -> None:
         super().__init__(

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 class Part(StrEnum):
-    """What kernels are for, in the order in which they are compiled: a function of `WORK` each."""
+    """Purposes of kernels, in the order in which they are compiled: a function of `WORK` each."""
 
     ORBITS = "orbits"  # period-one motions and limits
     CURVES = "curves"
@@ -68,7 +68,7 @@ class Kernels:
 
     @property
     def at_work(self) -> bool:
-        """Whether kernels are being compiled now."""
+        """True if kernels are being compiled now."""
         return any(not task.done() and not self.has(model, LAST) for model, task in self._tasks.items())
 
     def has(self, model: str, part: Part) -> bool:

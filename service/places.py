@@ -44,7 +44,7 @@ class Places:
             self._limiter.release_on_behalf_of(place)
 
     async def in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """What this returns. It begins anew, later, whenever it gives way."""
+        """Return the result of this computation. It begins anew, later, whenever it gives way."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

@@ -1,4 +1,4 @@
-"""What the routes of one application share, injected into them.
+"""State that the routes of one application share, injected into them.
 
 Dependencies that only look at the request are coroutines: FastAPI sends every other one to a thread, and each way there
 and back waits for Python's lock.

@@ -1,4 +1,4 @@
-"""What a population's store answers, finished or not."""
+"""Answer questions from a population's store, finished or not."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What is proved of a plane in blocks, by several processes, into one file: a block a line."""
+"""Prove the blocks of a plane, by several processes, into one file: a block a line."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def certify_areas(
 
 
 def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[Block]]:
-    """The blocks of each column, in order."""
+    """Yield the blocks of each column, in order."""
     if processes == 1:
         yield from (proved(beta, delta, epsilon) for delta in places)
         return

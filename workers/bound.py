@@ -26,8 +26,14 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a bound was asked for, and it is not yet known of a survey whose tiles are all there that it is
-    met.
+    """Return whether a bound was requested and is not yet known to be met.
+
+    Of a survey whose tiles are all there.
+
+    Returns
+    -------
+    bool
+        The answer.
     """
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
@@ -90,7 +96,7 @@ def meet_bound(
 
 
 def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
-    """What the last of its rounds found in a tile; None if it has not gone through them."""
+    """Return the findings of the last round in a tile; None if it has not gone through the rounds."""
     place = place_of(path)
     with reading(f"the audit of {place}"):
         stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
@@ -110,7 +116,7 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """What the last of its rounds found in a tile; None if its cells have gone through others."""
+    """Return the findings of the last round in a tile; None if its cells have gone through others."""
     source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0

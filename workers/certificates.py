@@ -212,7 +212,7 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 
 def _known(survey: xr.Dataset) -> str:
-    """What a store of certificates knows its survey by, or the slice of it."""
+    """Return the identity by which a store of certificates knows its survey, or the slice of it."""
     third = (f" {name}={value!r}" for name, value in value_along(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 
@@ -261,7 +261,7 @@ def require_certifiable(request: object, where: str | Path | Location) -> None:
 
 @dataclass(frozen=True)
 class CertificatesIntegrity:
-    """What a look at every file of a store of certificates found."""
+    """Findings of a check of every file of a store of certificates."""
 
     path: Path
     survey: str  # its content hash, and the slice; empty if nothing tells it any more
@@ -317,7 +317,7 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
 
 
 def _sealed(out: Path) -> tuple[str, dict[str, str]]:
-    """Of which survey all is there, and the checksums of its files; nothing if it is not."""
+    """Return the survey of which all is there, and the checksums of its files; nothing if it is not."""
     try:
         seal = json.loads((out / SEAL).read_bytes())
         return str(seal[KNOWN]), dict(seal["files"])
@@ -326,12 +326,12 @@ def _sealed(out: Path) -> tuple[str, dict[str, str]]:
 
 
 def _below(path: Path) -> list[Path]:
-    """The files of a variable; of a file, itself."""
+    """Return the files of a variable; of a file, itself."""
     return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
 
 
 def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
-    """The checksums of those of the files that can be read."""
+    """Return the checksums of those of the files that can be read."""
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""What follows from the tiles of a survey once all are there.
+"""Complete a survey once all its tiles are there.
 
 The bound of one that is refined, then families, then levels, then certificates.
 """

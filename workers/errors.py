@@ -1,4 +1,4 @@
-"""What can go wrong with a survey, under one exception. The classes are names of `gear_rattle`, and say so."""
+"""Exceptions of a survey, under one base. The classes are names of `gear_rattle`, and say so."""
 
 import errno
 from collections.abc import Iterable, Iterator
@@ -17,7 +17,7 @@ class SurveyError(RattleError):
 
 
 class StoppedError(SurveyError):
-    """What was being done was asked to stop. The survey is whole."""
+    """The operation was stopped on request. The survey is whole."""
 
     __module__ = "gear_rattle"
 

@@ -1,4 +1,4 @@
-"""What can be computed tile by tile into a store: a survey or a population, by its request."""
+"""Handle surveys and populations alike: computed tile by tile into a store, by their request."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
 
 
 def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
-    """Of complex numbers the moduli."""
+    """Return the values of a block; of complex numbers the moduli."""
     parts = [_read(place, block, part.name) for part in quantity.parts]
     found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
     return found
@@ -82,7 +82,7 @@ def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
 def _chunks(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """The chunks of a variable: of each level, and of codes the arrays that tell of them."""
+    """Yield the chunks of a variable: of each level, and of codes the arrays that tell of them."""
     levels = levels_of(request.shape)
     arrays = described(quantity)
     beside = values.shape[:-2]
@@ -103,7 +103,7 @@ def _chunks(
 def _reduced(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Of each level the arrays of one map, as `described` has them."""
+    """Yield for each level the arrays of one map, as `described` has them."""
     steps = steps_of(levels_of(request.shape))
     if words := meanings(quantity):
         yield from reduce.codes(values, known, steps, len(words))
@@ -113,6 +113,6 @@ def _reduced(
 
 
 def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
-    """The maps of an array in one."""
+    """Return the maps of an array in one."""
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

@@ -59,7 +59,7 @@ class Plane:
 
     @property
     def unit(self) -> float:
-        """What speeds are measured in (`rattle.flight.law.speed_unit`)."""
+        """Scale of speeds (`rattle.flight.law.speed_unit`)."""
         point = self.parameters.point()
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
@@ -137,7 +137,7 @@ def classified(plane: Plane, tau: Array, v: Array) -> tuple[AttractorTable, NDAr
 
 
 def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Steps to convergence, −1 where none is seen."""
+    """Return the steps to convergence, −1 where none is seen."""
     kind = table.kind[rows]
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
@@ -158,9 +158,14 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
 
 
 def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
-    """The map of cells (n² + 1,), the last the sink of quiet capture.
+    """Return the map of cells (n² + 1,), the last the sink of quiet capture.
 
     A cell whose motion does not return to the box maps to itself: a group of its own, which is then followed exactly.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Number of the cell that the centre of each cell goes to.
     """
     sink = tau.size
     t, speed, rests = plane.iterated(tau, v, impacts)
@@ -185,7 +190,7 @@ class States:
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """As `classified`, but rows of the common table, in which what is known keeps its row."""
+        """Return `classified` of states as rows of the common table, in which known attractors keep their rows."""
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
         table, rows, impacts = classified(self.plane, tau, v)
         row_of = self._known(table, rows[:known])
@@ -214,10 +219,15 @@ class States:
 def _by_cells(
     plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """As `classified` for the centres of all cells, by simple cell mapping.
+    """Return `classified` for the centres of all cells, by simple cell mapping.
 
     If refine, a lattice of cells by their own trajectories, and every cell with another label among its neighbours,
     until there is none left.
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]
+        The attractors, the row of each cell, and its steps to convergence.
     """
     impacts = round(impacts * max(1.0, WEAK / plane.delta))  # a step moves states nearer to attractors than a cell is
     image = _images(plane, tau, v, n, box, impacts)

@@ -1,5 +1,4 @@
-"""A map of cells to cells: the motion that a grid of states leaves of the impact map, and where each cell ends up
-(compiled).
+"""Map cells to cells: the motion of a grid of states under the impact map, and where each cell ends (compiled).
 
 Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11: simple cell mapping.
 """

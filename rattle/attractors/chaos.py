@@ -48,8 +48,10 @@ def same_attractor(boxes, i, j):
 
 @kernel
 def group_numbers(boxes, size, group):
-    """Write to group (k,) the number of each footprint's group, that of its first member among the footprints of its
-    cell, which has `size` of the boxes (k, GRID), worked in.
+    """Write the number of each visited-cell bitmap's group to group (k,).
+
+    It is the number of the group's first member among the bitmaps of its cell, which has `size` of the boxes (k, GRID),
+    worked in.
 
     Groups that share SAME_FOOTPRINT of the smaller union are joined, until none do; different attractors are disjoint.
     """
@@ -162,11 +164,17 @@ def fill_standing(cells, status, impacts, first, left, leaks):
 
 
 def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
-    """Return how many samples are left in each of these cells (k,), and whether they may still settle, from status and
-    impacts (n_cells, count): others settled later than to begin with, within the first impacts (n_cells,), and what is
-    left has not outlasted them by enough since.
+    """Return the number of unresolved samples in each of these cells (k,), and whether they may still settle.
+
+    Derived from status and impacts (n_cells, count): others settled later than to begin with, within the first impacts
+    (n_cells,), and the unresolved samples have not outlasted them by enough since.
 
     Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
+
+    Returns
+    -------
+    tuple[Counts, NDArray[np.bool_]]
+        Numbers (k,) of unresolved samples, and flags (k,).
     """
     left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
     fill_standing(cells, status, impacts, first, left, leaks)

@@ -1,4 +1,4 @@
-"""Which attractors the samples of many cells go to, with as few impacts as certainty allows.
+"""Classify the samples of many cells by attractor, with as few impacts as certainty allows.
 
 Every sample is followed until it is captured or has made FIRST impacts. In a cell where some are left, a few of them,
 the witnesses, are measured for longer with a tangent vector: they show what the others do, or that all must be followed
@@ -55,7 +55,7 @@ class Chaos(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Of k samples that were watched: batch sums (k, BATCHES, 3), footprints (k, GRID)."""
+    """Observations of k probes: batch sums (k, BATCHES, 3), visited-cell bitmaps (k, GRID)."""
 
     sums: NDArray[np.float64]
     prints: NDArray[np.uint64]
@@ -108,8 +108,7 @@ class Classifier(ABC):
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
-        """Return the samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget.
-        """
+        """Return the samples (τ, v) (n, count) of cells with parameters (n,), followed to their end or budget."""
         compile_apart("rattle.precompile", "survey", cls.model)
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
@@ -118,7 +117,7 @@ class Classifier(ABC):
     @property
     @abstractmethod
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion."""
+        """Flags of the cells (n_cells,) that have a quiet motion."""
 
     @abstractmethod
     def enter_known_orbits(self) -> None:
@@ -136,8 +135,9 @@ class Classifier(ABC):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these (k,) of the survey's samples with a tangent vector, for so many impacts and forcing periods (k,)
-        at least, in place.
+        """Follow these (k,) of the survey's samples with a tangent vector, in place.
+
+        Each for so many impacts and forcing periods (k,) at least.
         """
 
     def run(self) -> None:
@@ -284,8 +284,14 @@ class Classifier(ABC):
         return lasted
 
     def crowd_lasts(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
-        """Return whether states beside what is left in these cells, those of so many of a crowd, go on too, each for as
-        many impacts as any sample: in chaos they soon have nothing in common.
+        """Return whether neighbours of the unresolved samples of these cells stay unresolved too.
+
+        Each is followed for as many impacts as any sample: in chaos they soon have nothing in common.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            Flags (k,) of the cells whose neighbours stay unresolved.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -307,13 +313,14 @@ class Classifier(ABC):
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return whether samples of these cells that went on for so long, instead of so many periods, may be about to
-        rest.
-        """
+        """Return whether samples of these cells, followed for so long instead of so many periods, may be chattering."""
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
-        """What is seen of these samples, and whether each is left and chaotic; if unclear, measured for longer."""
+        """Observe these samples, for longer if unclear.
+
+        Return the observations, and whether each is unresolved and chaotic.
+        """
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
         pace = samples.time / np.maximum(samples.impacts, 1)
@@ -368,7 +375,10 @@ class Classifier(ABC):
         return declared
 
     def declare_several(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """What is left in each of these cells is on several chaotic attractors, unless some of it ends elsewhere."""
+        """Declare the unresolved samples of each of these cells to be on several chaotic attractors.
+
+        Unless some of them end elsewhere.
+        """
         if not cells.size:
             return np.zeros(0, np.bool_)
         left = self.left_in(cells)
@@ -391,12 +401,12 @@ class Classifier(ABC):
         return ~sets.all_of(number == 0)
 
     def traced(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """These footprints with those of a further stretch of the samples (k,)."""
+        """Return these visited-cell bitmaps with those of a further stretch of the samples (k,)."""
         mark_footprints(which, TRACED, self.cells, self.samples, prints)
         return prints
 
     def watched(self, which: NDArray[np.int64]) -> float:
-        """Forcing periods for which all of these samples were followed."""
+        """Return the forcing periods for which all of these samples were followed."""
         return float(self.samples.time[which].min())
 
 
@@ -408,7 +418,7 @@ def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
 ) -> Trajectories:
-    """Samples (k,) that have made no impact yet, and so many at most; the arrays are followed in place."""
+    """Return samples (k,) without an impact, of so many impacts at most; the arrays are followed in place."""
     return Trajectories(
         cell=np.ascontiguousarray(cell),  # another layout would be another variant of each kernel
         tau=tau,

@@ -18,9 +18,10 @@ LONGEST_BOX = 4096
 
 
 class BasinEntropy(NamedTuple):
-    """Entropy per box (nats) over all boxes and over those at boundaries (NaN if there are none), with the numbers of
-    both. Both entropies are NaN if a cell is undecided: its basin is not known. Source: Daza et al., Scientific Reports
-    6 (2016) 31416.
+    """Entropy per box (nats) over all boxes and over those at boundaries, with the numbers of both.
+
+    The second is NaN if there are no boundaries. Both entropies are NaN if a cell is undecided: its basin is not known.
+    Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 
     entropy: float
@@ -121,9 +122,16 @@ def _pairs(
 def power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
-    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms with binomial weights.
+    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width.
+
+    By least squares of logarithms with binomial weights.
 
     Where the points scatter by more than counting explains, the error grows by that.
+
+    Returns
+    -------
+    tuple[float, float]
+        The exponent and its half-width.
     """
     enough = uncertain >= FEWEST
     if enough.sum() < 3:

@@ -1,4 +1,4 @@
-"""Which attractor each of some states goes to, and what else either gear can be asked of its states."""
+"""Find the attractors of given states, and the other answers about states that both gears share."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rattle.parameters import Parameters
 
 @dataclass(frozen=True)
 class Reached:
-    """Where states went. attractors.
+    """Destinations of states. attractors.
 
     By falling share of the states. which: index into them, of the shape of the states. impacts: on Σ⁺ until the end of
     each was certain, −1 of chaotic and undecided ones.
@@ -69,6 +69,7 @@ class Sampled:
     _pairs: ClassVar[int]  # for the uncertainty exponent, by default
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name, value in self._numbers.items():
             object.__setattr__(self, name, require_number(name, value, positive=name != "epsilon"))
 
@@ -78,9 +79,10 @@ class Sampled:
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
     ) -> tuple[Attractor, ...]:
-        """Return the attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
-        fraction; then stable orbits that are known to exist and that no sample found, with fraction 0 and the upper
-        bound of its interval.
+        """Return the attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds.
+
+        They come by falling fraction; then stable orbits that are known to exist and that no sample found, with
+        fraction 0 and the upper bound of its interval.
 
         Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
         approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 100 relaxation times 1/δ,
@@ -95,6 +97,11 @@ class Sampled:
         v_max : SpeedLimit
             A number, "natural" for 1.5 √(16πδβ) + 2πε, or None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε
             to 0.5, β from 0.2 to 1.2) and natural elsewhere.
+
+        Returns
+        -------
+        tuple[Attractor, ...]
+            The attractors.
         """
         table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return listed(table, table.samples)
@@ -108,8 +115,10 @@ class Sampled:
         tau: Range = None,
         v: Range = None,
     ) -> Basins:
-        """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6),
-        or of the box of these ranges (low, high) of tau and v. resolution: by default 1000, of the stiff gear 400.
+        """Return the basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max).
+
+        As in Figures 4 and 6 of the paper, or of the box of these ranges (low, high) of tau and v. resolution: by
+        default 1000, of the stiff gear 400.
 
         method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
         (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
@@ -121,6 +130,11 @@ class Sampled:
         ----------
         v_max : SpeedLimit
             A number, "natural" for 1.5 √(16πδβ) + 2πε, or None, which is 7 in the paper's plane and natural elsewhere.
+
+        Returns
+        -------
+        Basins
+            The attractors and the label of each cell.
 
         Raises
         ------

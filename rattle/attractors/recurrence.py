@@ -22,7 +22,7 @@ SAME_POINT = 1e-6  # two orbits of one label closer than this are one
 
 @inline
 def unit_at(point):
-    """What speeds are measured in at a parameter point."""
+    """Return the scale of speeds at a parameter point."""
     return speed_unit(point.delta, point.epsilon, point.beta)
 
 
@@ -137,8 +137,9 @@ def mark_footprints(
 
 @kernel
 def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
-    """Enter stable orbits of period one, so many (n_cells,) of arrays (n_cells, room), into those that the cells know,
-    which have room for them.
+    """Enter stable orbits of period one into those that the cells know.
+
+    So many (n_cells,) of arrays (n_cells, room), which have room for them.
     """
     for cell in range(n.size):
         for j in range(n[cell]):

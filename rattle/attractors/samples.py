@@ -22,7 +22,7 @@ ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expand
 
 
 class Outcome(IntEnum):
-    """What has become of a sample; numba reads the members as constants.
+    """Outcome of a sample; numba reads the members as constants.
 
     UNRESOLVED: it goes on. QUIET: it is certain to stay in contact with Σ⁺. PERIODIC: a stable orbit has captured it.
     CHAOTIC: it is on a chaotic attractor. UNDECIDED: nothing tells where it goes. RECURRENT: it has come back to where
@@ -42,9 +42,10 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Trajectories(StructOfArrays):
-    """Samples on their way (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that
-    captured them; after a recurrence the impacts between, and the impacts before which the next one is not looked for;
-    and the forcing periods so far.
+    """Samples on their way (n,): cell, state, impacts so far and at most, outcome, orbit that captured them.
+
+    After a recurrence: the impacts between, and the impacts before which the next one is not looked for; and the
+    forcing periods so far.
     """
 
     cell: Any
@@ -67,7 +68,7 @@ class Sets(NamedTuple):
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """Where each cell's samples begin, (n,)."""
+        """First sample of each cell, (n,)."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def each(self) -> list[NDArray[np.int64]]:
@@ -86,7 +87,7 @@ class Sets(NamedTuple):
         return Sets(self.which[first + number * among // of], size)
 
     def all_of(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Of which cells it holds for all samples, from samples (k,)."""
+        """Return the cells for which it holds for all samples, from samples (k,)."""
         cell = np.repeat(np.arange(self.size.size), self.size)
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
@@ -135,7 +136,7 @@ BallColumns = kernel_columns("BallColumns", Balls, __name__)
 
 
 def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, Balls]:
-    """What cells know at first, with room for so many orbits of each."""
+    """Return empty tables of orbits and capture regions, with room for so many orbits of each cell."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = Orbits(
         n=np.zeros(n_cells, np.int64),

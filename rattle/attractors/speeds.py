@@ -1,4 +1,4 @@
-"""Which states of each cell are sampled (`SampleSpec`), and up to which speed."""
+"""Choose the sampled states of each cell (`SampleSpec`), and the speed up to which they lie."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -56,6 +56,7 @@ class SampleSpec:
     v_min: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name, low, high in (("budget", 1, LARGEST_BUDGET), ("count", 1, MOST_SAMPLES), ("seed", 0, LARGEST_SEED)):
             object.__setattr__(self, name, require_integer(name, getattr(self, name), low, high))
 
@@ -100,7 +101,7 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
 
 
 def read_speed(text: str | None) -> SpeedLimit:
-    """What somebody typed: a number, a word that `sampled_speeds` knows or refuses, None for nothing."""
+    """Read a speed limit from text: a number, a word that `sampled_speeds` knows or refuses, None for nothing."""
     text = (text or "").strip()
     try:
         return float(text) if text else None

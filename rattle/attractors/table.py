@@ -46,7 +46,7 @@ class Attractor:
 
     @property
     def name(self) -> str:
-        """What it is in a word: the label of a periodic motion without blanks, or the kind."""
+        """Name in a word: the label of a periodic motion without blanks, or the kind."""
         return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[Outcome.PERIODIC] else self.kind
 
     def _repr_html_(self) -> str:
@@ -86,6 +86,7 @@ class AttractorTuple(tuple[Attractor, ...]):
         }
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return table_of(self._columns())
 
     def _repr_html_(self) -> str:
@@ -134,6 +135,7 @@ class AttractorTable(StructOfArrays):
         return self.columns() | {"kind": np.array(KINDS)[self.kind]}
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -223,8 +225,14 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
 
 
 def listed(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """Return the rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the
-    table's.
+    """Return the rows of one cell's table, with fractions from numbers of samples (rows,).
+
+    These need not be the table's.
+
+    Returns
+    -------
+    tuple[Attractor, ...]
+        The attractors of the cell.
     """
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)

@@ -122,7 +122,7 @@ def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Compar
 
 
 class _Known(NamedTuple):
-    """What an attractor has: sorted phases of its impacts on either wall, each of which stands for this rate."""
+    """Sorted phases of an attractor's impacts on either wall, each of which stands for this rate."""
 
     attractor: Attractor
     intensity: Intensity
@@ -179,9 +179,14 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
 
 
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
-    """Of two distributions of phases, each of which stands for so many impacts per forcing period.
+    """Return the distance of two distributions of phases, each of which stands for so many impacts per period.
 
     Around a circle the earth mover's distance is the mean of |F − G − its median| of the distribution functions.
+
+    Returns
+    -------
+    float
+        The distance.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

@@ -1,4 +1,4 @@
-"""Which wall each of a series of impacts is on, and where phase 0 lies, from their times alone.
+"""Find the wall of each of a series of impacts, and phase 0, from their times alone.
 
 A flight from wall a at t₀ to wall b at t₁ has its velocities w₀, w₁ in closed form (`rattle.flight.between`). Those of
 the walls that were met point into the gap and back out of it, and an elastic impact turns w₁ of one flight into −w₀ of
@@ -126,7 +126,7 @@ def _sharpened(few: Fitting, found: Fit) -> Fit:
 
 
 def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
-    """The offset of least cost within a width of this one."""
+    """Return the offset of least cost within a width of this one."""
     for _ in range(ROUNDS):
         near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
         offset = float(near[np.argmin(_followed(few, near)[0])])
@@ -200,7 +200,7 @@ def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
 
 @inline
 def _ends(t0, t1, dwell):
-    """The times at which a flight between impacts at t0 and t1 begins and ends, and sine and cosine there."""
+    """Return the times at which a flight between impacts at t0 and t1 begins and ends, and sine and cosine there."""
     a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # a contact that cannot last so long
     b = complex(t1)
     return a, b, analytic_phase(a), analytic_phase(b)
@@ -219,7 +219,7 @@ def _between(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
 
 @inline
 def _square(off):
-    """The cost of what is off by so many units."""
+    """Return the cost of an error of so many units."""
     cost = off * off
     return cost if cost < WORST else WORST  # of what is not finite too
 

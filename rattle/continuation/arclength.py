@@ -30,18 +30,24 @@ SMALL_DAMPING = 0.25  # below it δ and ε are solved for relative to it, above 
 
 
 def plane_scale(delta: float) -> float:
-    """What differences of δ and ε near this damping are measured by.
+    """Return the scale of differences of δ and ε near this damping.
 
     Where it is small motions change with their ratios to it.
+
+    Returns
+    -------
+    float
+        The scale, at most 1.
     """
     return min(max(abs(float(delta)) / SMALL_DAMPING, 1e-300), 1.0)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is followed: the equations (…, N + 1) → (…, N), a preparation that may rescale them at a point or at points
-    (…, N + 1), around each of which (…, N + 1, N + 1) are asked for then, and the sizes of the unknowns at a point that
-    count as small, 1 or (N + 1,).
+    """Equations (…, N + 1) → (…, N) to follow, with their preparation and the sizes of the unknowns.
+
+    The preparation may rescale them at a point or at points (…, N + 1), around each of which (…, N + 1, N + 1) are
+    asked for then. The sizes at a point that count as small are 1 or (N + 1,).
     """
 
     equations: Function
@@ -162,7 +168,7 @@ def with_values(problem: Problem, guesses: Array, index: int) -> Array:
 
 
 def _solved_each(matrix: Array, right: Array) -> Array:
-    """The solutions (k, n) of systems (k, n, n); not a number where one has none."""
+    """Return the solutions (k, n) of systems (k, n, n); NaN where one has none."""
     try:
         return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
     except np.linalg.LinAlgError:
@@ -222,9 +228,15 @@ class Bound:
 
 
 def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[Array], bool]) -> tuple[Array, Array]:
-    """Return the last solution between a (admissible) and b (which is not) that is admissible, and the first that is not,
-    by bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
+    """Return the last admissible solution between a (admissible) and b (not), and the first that is not.
+
+    By bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
     as b may be a solution of another branch, and are shorter.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The admissible solution and the next one that is not.
     """
     inside, outside, share = a, b, 0.5
     for _ in range(MOST_BISECTIONS):
@@ -252,8 +264,10 @@ def longest_step(span: tuple[float, float], resolution: int, longest: float) -> 
 
 @dataclass(frozen=True)
 class Follower:
-    """How a problem is followed: between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)`
-    in the unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
+    """Rules by which a problem is followed: bounds, admissibility and the longest step.
+
+    It is followed between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)` in the
+    unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
     """
 
     problem: Problem
@@ -320,7 +334,7 @@ class Follower:
         return Course(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
-        """The start, as a curve that comes back to it between a and b would write it, or None."""
+        """Return the start as a curve that comes back to it between a and b would write it, or None."""
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
@@ -331,7 +345,7 @@ class Follower:
         return None
 
     def _edge(self, a: Array, b: Array) -> Array:
-        """The last point inside between a (inside) and b (not)."""
+        """Return the last point inside between a (inside) and b (not)."""
         for bound in self.bounds:
             limit = bound.crossed(b)
             if limit is not None:
@@ -344,8 +358,14 @@ class Follower:
 def root_between(
     problem: Problem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
-    """Return the solution between a and b at which a test function that changes sign there vanishes, to this share of the
-    way; or None.
+    """Return the solution between a and b at which a test function vanishes, or None.
+
+    The function changes sign there; to this share of the way.
+
+    Returns
+    -------
+    Array | None
+        The solution, or None.
     """
 
     def value(share: float) -> float:

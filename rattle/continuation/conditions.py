@@ -1,5 +1,6 @@
-"""Saddle-nodes, flips and grazes of any periodic motion as equations to follow in the (δ, ε) plane, and motions to
-follow along a line in it.
+"""Equations of saddle-nodes, flips and grazes of any periodic motion in the (δ, ε) plane.
+
+Also motions to follow along a line in it.
 """
 
 from enum import StrEnum
@@ -14,7 +15,7 @@ from rattle.orbits.periodic import Equations
 
 
 class Kind(StrEnum):
-    """What happens to a periodic motion; the names are those of continuation codes."""
+    """Event of a periodic motion; the names are those of continuation codes."""
 
     SADDLE_NODE = "SN"
     FLIP = "PD"

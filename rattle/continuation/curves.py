@@ -86,7 +86,7 @@ class Curve(Tabular):
     _points: tuple[Array, ...] = field(repr=False)
 
     def __len__(self) -> int:
-        """Number of points."""
+        """Return the number of points."""
         return self.delta.size
 
     def _caption(self) -> str:
@@ -139,7 +139,7 @@ def crossings(problem: Problem, points: Array, index: int, value: float) -> list
 
 
 def _between(points: Array, index: int, value: float) -> Array:
-    """Where the chords of a followed piece (k, N) have this δ (index −2) or ε (−1): (any, N)."""
+    """Return the points (any, N) where the chords of a followed piece (k, N) have this δ (index −2) or ε (−1)."""
     d = points[:, index] - value
     i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
     rise = d[i + 1] - d[i]
@@ -200,11 +200,11 @@ class Window:
 
     @property
     def bounds(self) -> tuple[Bound, Bound]:
-        """Of the last two unknowns."""
+        """Bounds of the last two unknowns."""
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
     def left(self, x: Array) -> str | None:
-        """Which side of the window a point is beyond: None if it is inside."""
+        """Return the side of the window that a point is beyond: None if it is inside."""
         limits = zip(("delta", "epsilon"), (bound.crossed(x) for bound in self.bounds), strict=True)
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
@@ -248,14 +248,14 @@ def pieces(
 
 
 def _periods_later(times: int | None, start: Array, x: Array) -> Array:
-    """The same motion some forcing periods earlier or later, near x."""
+    """Return the same motion some forcing periods earlier or later, near x."""
     twin = start.copy()
     twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
     return twin[None]
 
 
 def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDArray[np.bool_]:
-    """Which of several solutions (k, N) are on a piece already, some forcing periods earlier or later perhaps."""
+    """Return flags of solutions (k, N) that are on a piece already, some forcing periods earlier or later perhaps."""
     on = np.zeros(len(solved), bool)
     guesses = [_between(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
@@ -266,7 +266,7 @@ def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDA
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
-    """The whole piece through a solution, its folds among the points, the end of smaller δ first."""
+    """Return the whole piece through a solution, its folds among the points, the end of smaller δ first."""
     followed = follower.both_ways(x, -2)
     points = _with_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
@@ -278,7 +278,7 @@ def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
 
 
 def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
-    """The points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
+    """Return the points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
@@ -321,10 +321,12 @@ def traced(
 
 
 def spread_between(low: float, high: float) -> Array:
+    """Return evenly spaced numbers between two, without the ends."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
 def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
+    """Return a checked pair (low, high) of a window."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")

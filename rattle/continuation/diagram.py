@@ -51,7 +51,7 @@ Array = NDArray[np.float64]
 
 
 class HasParameters(Protocol):
-    """What is somewhere along a segment."""
+    """Object at a parameter point on a segment."""
 
     @property
     def parameters(self) -> Array:
@@ -59,7 +59,7 @@ class HasParameters(Protocol):
 
 
 class IsEvent(HasParameters, Protocol):
-    """What happens somewhere along a segment."""
+    """Event at a parameter point on a segment."""
 
     @property
     def kind(self) -> Any:
@@ -71,7 +71,7 @@ class HasEvents(HasParameters, Protocol):
 
     @property
     def events(self) -> tuple[Any, ...]:
-        """What happens on it."""
+        """Events on it."""
 
     def curve_of(self, event: Any) -> str | None:
         """Return the name of the curve of the plane that one of them is on."""
@@ -175,7 +175,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         return float(self.segment.end[0]), float(self.segment.end[1])
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
-        """Where the points of a branch (k,), or an event (), are on the way from start to end."""
+        """Return the positions of a branch's points (k,), or an event's (), on the way from start to end."""
         return self.segment.position(of.parameters)
 
 
@@ -225,7 +225,7 @@ def diagram_of(
 
 
 def _motion_at(event: Any) -> str:
-    """The label of the motion that an event is of."""
+    """Return the label of the motion that an event is of."""
     return label_of(*event.itinerary.label)
 
 
@@ -262,9 +262,14 @@ def _close(one: Known, other: Known, unit: float) -> bool:
 
 
 def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[Piece], bool]:
-    """The stable parts of branches that no sample found, and whether the sweeps missed one of their motions at a step.
+    """Return the stable parts of branches that no sample found, and whether the sweeps missed one of their motions.
 
     They know it from here on.
+
+    Returns
+    -------
+    tuple[list[Piece], bool]
+        The parts, and whether a sweep missed one at a step.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):
@@ -307,7 +312,7 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDA
 def _nearest(
     known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
 ) -> Known | None:
-    """The attractor with this label that has a state so near to one of the impacts (n_plus,), speeds in their unit."""
+    """Return the attractor with this label that has a state near one of the impacts (n_plus,), speeds in their unit."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:

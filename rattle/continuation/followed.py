@@ -1,4 +1,4 @@
-"""What a branch of either gear says of itself, and what it gives to pandas and xarray."""
+"""Describe a branch of either gear in words, and convert it to pandas and xarray."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Followed(ABC):
     ends: tuple[str, str]
 
     def __len__(self) -> int:
-        """Number of points."""
+        """Return the number of points."""
         return len(self.unknowns)
 
     @property
@@ -127,6 +127,7 @@ class Followed(ABC):
         }
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -177,8 +178,7 @@ class Followed(ABC):
 
 
 def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
-    """Return the flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch there.
-    """
+    """Return the flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch."""
     n, impacts = itinerary.n, len(itinerary.walls)
     each = x[:n].reshape(-1, impacts)
     later = each.copy()

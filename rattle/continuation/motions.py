@@ -1,4 +1,4 @@
-"""What a bifurcation diagram asks of a model along a segment of its parameters."""
+"""Interface between a bifurcation diagram and a model along a segment of its parameters."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -40,7 +40,7 @@ class Segment:
         return np.asarray(found, np.float64)
 
     def position(self, parameters: Array) -> Array:
-        """Where points (…, d) of the segment are (…)."""
+        """Return the positions (…) of points (…, d) on the segment."""
         rate = self.direction
         return np.asarray(np.sum((parameters - self.start) * rate, axis=-1) / (rate @ rate), np.float64)
 

@@ -39,7 +39,7 @@ def same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """The ways to write a motion with the walls of `like`, begun near this time."""
+    """Yield the ways to write a motion with the walls of `like`, begun near this time."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = turned(motion, first)
@@ -62,7 +62,7 @@ class Search:
         self._order = count()
 
     def add(self, motion: Motion) -> None:
-        """The branch through a motion, and all that it leads to."""
+        """Add the branch through a motion, and all that it leads to."""
         self._follow(motion)
         while self._queue:
             _, _, event = heapq.heappop(self._queue)

@@ -141,7 +141,7 @@ class Sweeps:
             self._advance(list(now.values()))
 
     def _advance(self, runs: list[_Run]) -> None:
-        """Where the states of these runs lead at their steps."""
+        """Move the states of these runs on, to where they lead at their steps."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))

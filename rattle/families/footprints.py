@@ -1,4 +1,4 @@
-"""Which chaotic attractors of neighbouring cells are one: their footprints overlap."""
+"""Decide when chaotic attractors of neighbouring cells are one: their visited-cell bitmaps overlap."""
 
 from typing import Any
 

@@ -49,8 +49,14 @@ def families_over(
 def joined(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: AttractorTable, cells: Any
 ) -> Families:
-    """Return the families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each, row by row
-    of the grid; cells: as kernels take them.
+    """Return the families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
+
+    Row by row of the grid; cells: as kernels take them.
+
+    Returns
+    -------
+    Families
+        The families and the cells' attractors.
     """
     attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
     return Families(delta, epsilon, count, attractors, entered, family, tabulated(delta, epsilon, count, sums))
@@ -59,8 +65,14 @@ def joined(
 def joined_rows(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the table of the cells of a grid with what entered them, whether each row did (rows,), and its family
-    (rows,).
+    """Return the table of the cells of a grid with the orbits that entered them.
+
+    Also whether each row did (rows,), and its family (rows,).
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
+        The table, the flags and the families.
     """
     return _joined(table, shape, cells)[:3]
 
@@ -96,12 +108,19 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
 def components(
     table: AttractorTable, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
-    """Which rows of a table are one (rows,): equal numbers; QUIET_FAMILY: quiet motion, NO_FAMILY: not told.
+    """Return equal numbers (rows,) for rows of a table that are one attractor.
+
+    QUIET_FAMILY: quiet motion, NO_FAMILY: undecided.
 
     Parameters
     ----------
     row : NDArray[np.int64]
         Of each orbit; chaotic rows are in the order of their cells.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Number of each row's component.
     """
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
@@ -118,13 +137,19 @@ def components(
 
 
 def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
-    """Return the periodic orbits of a table, whose rows of one cell are side by side, and after them what they become in
-    the cells of a rectangle of a grid with so many columns, with the number of all.
+    """Return the periodic orbits of a table, and after them their continuations in the cells of a rectangle.
+
+    The rows of one cell are side by side in the table; the grid has so many columns.
 
     Parameters
     ----------
     first : int
         Of the periodic orbits that are continued; those before it have been.
+
+    Returns
+    -------
+    tuple[Linked, int]
+        The orbits, and the number of all.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
@@ -176,6 +201,7 @@ def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cell
 
 
 def room_for(n: int, n_cells: int) -> Linked:
+    """Return empty arrays with room for n linked orbits in so many cells."""
     labels = (np.zeros(n, np.int32) for _ in range(4))
     values = (np.zeros(n) for _ in range(4))
     links = np.full(n, NOWHERE, np.int32), np.full(n_cells, NOWHERE, np.int32), np.full((n, 4), NOWHERE, np.int32)

@@ -60,9 +60,16 @@ def entering(
 
 
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Which attractors of a grid that has everything that enters it are one (rows,), as `components` has it.
+    """Return numbers (rows,) that join the attractors of a complete grid, as `components` has them.
+
+    A grid that has everything that enters it.
 
     Table: in their order.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Number of each row's component.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

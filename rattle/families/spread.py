@@ -73,8 +73,7 @@ def alike(i, k, orbits):
 
 @kernel
 def at_point(tau, v, cell, k, near, orbits):
-    """Return the orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if it is that of none.
-    """
+    """Return the orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if there is none."""
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
@@ -86,8 +85,14 @@ def at_point(tau, v, cell, k, near, orbits):
 
 @kernel
 def labelled(tau, v, k, orbits, point):
-    """Return whether the orbit through a point that Newton's method has found is stable and labelled as orbit k, with the
-    logarithms of its multipliers.
+    """Return whether the orbit through a point that Newton's method has found is stable and labelled as orbit k.
+
+    With the logarithms of its multipliers.
+
+    Returns
+    -------
+    result
+        The answer, and the two logarithms.
     """
     n_plus = np.int64(orbits.n_plus[k])  # as others call `power_map`, which is then compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
@@ -135,7 +140,7 @@ def followed(k, here, there, orbits):
 
 @kernel
 def continued(k, cell, n, orbits, cells):
-    """What orbit k becomes in a cell next to its own, entered as number n if the cell did not know it; else NOWHERE."""
+    """Return the number of orbit k's continuation in a neighbouring cell, entered as number n if new; else NOWHERE."""
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
     found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
@@ -186,9 +191,14 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
 
 @kernel
 def spread(done, n, columns, inside, cells, orbits):
-    """Continue the orbits from number `done` on, of n, into the neighbours of their cells that are in a rectangle of a
-    grid with so many columns, and what is found there too. Returns both numbers again: equal when nothing is left, else
-    there is no more room.
+    """Continue the orbits from number `done` on, of n, into the neighbours of their cells.
+
+    These are in a rectangle of a grid with so many columns; orbits found there are continued too.
+
+    Returns
+    -------
+    result
+        Both numbers again: equal when nothing remains, else there is no more room.
     """
     room = orbits.cell.size
     while done < n and n + 4 <= room:

@@ -1,4 +1,4 @@
-"""What is known of families as sums over cells, which can be added: so the pieces of a grid are told one by one."""
+"""Sums over cells that describe families and can be added, so that the pieces of a grid are handled one by one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Integers = NDArray[np.int64]
 
 
 class Sums(NamedTuple):
-    """What some cells of a grid have of components, arrays (components,), by rising number of these.
+    """Sums over some cells of a grid, arrays (components,) by rising number of the components.
 
     kind, m, n_plus, n_minus: the label. cells: that have it; rows: attractors of it, more where a cell has two;
     unsampled: those to which no sample goes; samples: that go to them. top, bottom, left, right: the first and the last

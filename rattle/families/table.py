@@ -67,8 +67,14 @@ class Families:
 
 
 def tabulated(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
-    """What is known of each family of cells `epsilon` (m,) × `delta` (n,) with so many samples each, from the sums of
-    all of them.
+    """Return the table of families of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
+
+    From the sums of all cells.
+
+    Returns
+    -------
+    FamilyTable
+        A row for each family.
     """
     family = numbers_of(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1

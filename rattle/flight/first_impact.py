@@ -175,7 +175,7 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
 
 @inline
 def end_of_piece(s, longest, tau, arc):
-    """Where a piece that starts after s ends: after `longest`, or before, where the contact force changes sign."""
+    """Return the end of a piece after s: after `longest`, or before, where the contact force changes sign."""
     e = s + longest
     if arc.exists:
         to_exit = arc.leave - tau - s
@@ -188,11 +188,17 @@ def end_of_piece(s, longest, tau, arc):
 
 @kernel
 def searched_crossing(tau, flight, lower, upper):
-    """First crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards by pieces on which e^(δs) F' is monotone, so
-    that F has one extremum at most: (status, +1 for the upper and −1 for the lower one, time).
+    """Return the first crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards.
+
+    By pieces on which e^(δs) F' is monotone, so that F has one extremum at most.
 
     The pieces end where the contact force changes sign, and at least four times a period; each is cut at its extremum,
     and the first monotone part that reaches a level holds the crossing.
+
+    Returns
+    -------
+    result
+        (status, +1 for the upper and −1 for the lower one, time).
     """
     arc = negative_arc(flight.delta, flight.epsilon)
     s, f0, f1 = 0.0, 0.0, flight.w

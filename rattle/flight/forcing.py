@@ -59,18 +59,18 @@ def sine_defect64(q):
 
 @inline
 def versine32(q):
-    """As versine64."""
+    """Return versine64 in single precision."""
     return degree_5(coefficients.VERSINE_32, q)
 
 
 @inline
 def sine_defect32(q):
-    """As sine_defect64."""
+    """Return sine_defect64 in single precision."""
     return degree_4(coefficients.SINE_DEFECT_32, q)
 
 
 def _forcing(real, versine, sine_defect):
-    """The functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
+    """Build the functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
     two_pi = real(TWO_PI)
     rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
 
@@ -178,8 +178,14 @@ def slope_loss(sin0, cos0, sin1, cos1, epsilon):  # noqa: ARG001
 
 @inline
 def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
-    """∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀) of a flight of fixed duration, with
-    f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
+    """Return the derivatives of F and F' by the time of departure, for a flight of fixed duration.
+
+    ∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀), with f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
+
+    Returns
+    -------
+    result
+        Both derivatives.
     """
     force = TWO_PI * TWO_PI * epsilon
     return f_w * force * cos0 - slope_loss(sin0, cos0, sin1, cos1, epsilon), force * (decay * cos0 - cos1)
@@ -226,8 +232,14 @@ def swings_beyond(share, delta, epsilon):
 
 @inline
 def relative_force(swing, share):
-    """Return the contact force over its mean, half a period times this share away from the phase of the least one, from
-    its `relative_swing`.
+    """Return the contact force over its mean, at half a period times this share from the phase of the least one.
+
+    From its `relative_swing`.
+
+    Returns
+    -------
+    result
+        The ratio.
     """
     return 1.0 - swing * math.cos(math.pi * share)
 
@@ -384,7 +396,7 @@ def plus_analytic_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """As `force_ahead`, for complex arguments and δ > 0."""
+    """Return `force_ahead` for complex arguments and δ > 0."""
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)

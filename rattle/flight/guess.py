@@ -1,4 +1,4 @@
-"""Where a flight ends, in single precision.
+"""Guess the end of a flight, in single precision.
 
 A guess that double precision improves, and the proof that it is the first impact.
 
@@ -54,7 +54,7 @@ class Minimum(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """What the points of a scan have told so far."""
+    """State of a scan: the results of the points so far."""
 
     f: f32  # F and F' at the last point
     g: f32
@@ -92,8 +92,14 @@ def first_guess(wall, gap, inverse_delta, flight):
 
 @inline
 def better_guess(s, wall, gap, flight):
-    """Return one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻), at most to half or twice the
-    time.
+    """Return one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
+
+    At most to half or twice the time.
+
+    Returns
+    -------
+    result
+        The better time.
     """
     f0, f1, f2, _l, _s, _c = evaluate32(s, flight)
     turning, arriving = f1 / max(f2, f32(0.2) * Q * flight.delta), (f0 - gap) / max(f1, f32(0.1))
@@ -136,7 +142,7 @@ def speed_scale(flight):
 
 @inline
 def slope(u, c1, c2, c3, c4, c5):
-    """Derivative of the Taylor polynomial."""
+    """Return the derivative of the Taylor polynomial."""
     return c1 + u * (f32(2.0) * c2 + u * (f32(3.0) * c3 + u * (f32(4.0) * c4 + u * (f32(5.0) * c5))))
 
 
@@ -201,8 +207,14 @@ def refined(s, level, flight):
 
 @inline
 def scanned(s0, s, wall, gap, scan, flight):
-    """Return a scan for the last turning point and the end of a flight, both by linear interpolation, with one more point
-    s after s0.
+    """Return a scan for the last turning point and the end of a flight, with one more point s after s0.
+
+    Both by linear interpolation.
+
+    Returns
+    -------
+    result
+        The scan with this point.
     """
     f0, g0, turned, turn, ended, falls, end = scan
     f, g, _f2, _k, _s, _c = evaluate32(s, flight)

@@ -35,7 +35,7 @@ def reflected_change(change):
 
 @inline
 def arrival_part(w):
-    """What a velocity of arrival, or a derivative of it, adds to the mismatch."""
+    """Return the share of a velocity of arrival, or of a derivative of it, in the mismatch."""
     return w
 
 
@@ -53,8 +53,7 @@ def impulse_of(speed):
 
 @inline
 def determinant_of_impact(determinant):
-    """Return the size of the determinant of a flight and the impact at its end in (t, w²/2), from that of the flight.
-    """
+    """Return the size of the determinant of a flight and its impact in (t, w²/2), from that of the flight."""
     return determinant
 
 
@@ -79,8 +78,14 @@ class ImpactLaw:
     chatter_completes: bool = False
 
     def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:  # noqa: ARG002
-        """Return the determinant e^(−δ time) of a motion of so many impacts in this time, the product of its
-        multipliers.
+        """Return the determinant e^(−δ time) of a motion of so many impacts in this time.
+
+        It is the product of its multipliers.
+
+        Returns
+        -------
+        Any
+            The determinant.
         """
         return np.exp(-delta * time)
 

@@ -34,7 +34,7 @@ LONGEST_DECAY = 2.0  # largest δs of the polynomials
 
 
 class Flight(NamedTuple):
-    """What F of one flight is made of, in double or in single precision."""
+    """Terms of F of one flight, in double or in single precision."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
@@ -69,7 +69,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """What a distance of speeds is measured in, beside phases: 1 at (0.6, 0.1, 0.6)."""
+    """Return the scale of distances of speeds, beside phases: 1 at (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 
@@ -81,12 +81,12 @@ def decay64(x):
 
 @inline
 def decay32(x):
-    """As decay64, x in [0, 2]."""
+    """Return decay64 in single precision, x in [0, 2]."""
     return degree_6(coefficients.DECAY_32, x)
 
 
 def _law(real, decay, forced):
-    """The flight law in one precision: an inline kernel, straight-line code that a loop over flights vectorises."""
+    """Build the flight law in one precision: an inline kernel of straight-line code for vectorised loops."""
     one, (versines, turned, drop, slowing, plus_acceleration_after) = real(1.0), forced[:5]
 
     @inline
@@ -125,7 +125,7 @@ def leaving(tau, w, delta, epsilon, drift):
 
 @kernel
 def evaluate(s, flight):
-    """As `evaluate_short`, for any δs."""
+    """Return `evaluate_short` for any δs."""
     w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)

@@ -49,8 +49,9 @@ def _raise_for(status: int) -> None:
 
 @dataclass(frozen=True)
 class Gear(Sampled, Rattling):
-    """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all
-    dimensionless.
+    """Impacting gear model at one parameter point.
+
+    Damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless.
 
     Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods.
     States are (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other
@@ -88,11 +89,17 @@ class Gear(Sampled, Rattling):
         return capture_speed(self.delta, self.epsilon, self.beta)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
-        """Return the first impact after leaving wall (+1: Φ = β, −1: Φ = −β) at this phase with this velocity (into the
-        gap).
+        """Return the first impact after leaving a wall (+1: Φ = β, −1: Φ = −β) at this phase.
+
+        With this velocity (into the gap).
 
         Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises
         ParameterError if wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+
+        Returns
+        -------
+        FirstImpact
+            The impact.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _phase(phase)
@@ -135,10 +142,15 @@ class Gear(Sampled, Rattling):
         return Impact(tau0, v0, n_minus, tangent, time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase.
+        """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
 
         v is 0 if it comes to rest there before it departs. On a wall the velocity may be that before the impact, or
         that after it.
+
+        Returns
+        -------
+        tuple[float, float]
+            Phase τ and speed v.
 
         Raises
         ------
@@ -177,8 +189,14 @@ class Gear(Sampled, Rattling):
         return orbits_at(self.delta, self.epsilon, self.beta)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
-        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺, with its
-        least period; see `periodic_orbit`.
+        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺.
+
+        With its least period; see `periodic_orbit`.
+
+        Returns
+        -------
+        PeriodicOrbit
+            The motion.
         """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
@@ -191,7 +209,9 @@ class Gear(Sampled, Rattling):
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
-        """Return the least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
+        """Return the least speed v < v_max of an impact that takes quiet motion to another attractor.
+
+        Over all phases τ.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
         limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, below δ = 0.3 in
@@ -205,6 +225,11 @@ class Gear(Sampled, Rattling):
         A basin with less than a thousandth of the plane may be missed altogether. Among long chaotic transients the
         last bit of a state decides where it goes: not this one may leave, but one within 1e-12 of it. Raises
         ParameterError.
+
+        Returns
+        -------
+        BoundaryDistance
+            The speed with its bounds.
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))

@@ -53,7 +53,7 @@ def _listed(motion: Motion, returns: int, periods: float, point: Any) -> tuple[i
 
 
 def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
-    """The impacts of one period over and over, for so many forcing periods; once if these are infinite."""
+    """Return the impacts of one period over and over, for so many forcing periods; once if these are infinite."""
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)

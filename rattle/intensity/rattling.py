@@ -1,4 +1,4 @@
-"""What either gear can be asked of the impacts of a motion."""
+"""Answer questions about the impacts of a motion, for either gear."""
 
 import math
 from abc import ABC, abstractmethod
@@ -38,8 +38,14 @@ class Rattling(ABC):
         return intensity(motion, self._point, periods)
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
-        """Return the impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on, arrays
-        (n,); of a periodic one by default those of its period. None if it is quiet. Raises as `intensity`.
+        """Return the impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on.
+
+        Of a periodic one by default those of its period. Raises as `intensity`.
+
+        Returns
+        -------
+        Impacts
+            Arrays (n,), or None if the motion is quiet.
         """
         return impacts_of(motion, self._point, periods)
 
@@ -61,9 +67,14 @@ class Rattling(ABC):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> NDArray[np.float64]:
-        """What a motion sounds like at this speed, from the departure (τ, v) on: samples (seconds · rate,).
+        """Return the sound of a motion at this speed, from the departure (τ, v) on.
 
         Each impact rings at `ring` Hz and dies away by e in `decay` seconds, as loud as its impulse (dimensionless).
         What a gearbox makes of it is another matter. Quiet: silence. Raises as `intensity`.
+
+        Returns
+        -------
+        NDArray[np.float64]
+            Samples (seconds · rate,).
         """
         return sound(motion, self._point, rpm, seconds, rate, ring, decay)

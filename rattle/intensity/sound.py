@@ -1,4 +1,4 @@
-"""What a motion sounds like: each impact rings, as a damped oscillation of its impulse."""
+"""Synthesise the sound of a motion: each impact rings, as a damped oscillation of its impulse."""
 
 import io
 import math

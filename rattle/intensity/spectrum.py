@@ -93,7 +93,7 @@ def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> ND
 
 
 def _transformed(impacts: Impacts, omega: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
-    """The sum in the formula above, of each impact."""
+    """Return the sum in the formula above, of each impact."""
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
@@ -112,7 +112,7 @@ def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.comp
 
 
 def _pressing(order: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
-    """The lines of the contact force at whole orders from 0 on."""
+    """Return the lines of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
     lines[:2] = [size for _, size in Forcing(epsilon).lines(delta)[:2]][: order.size]
     return lines

@@ -53,7 +53,7 @@ EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # fields that are no errors
 
 @kernel
 def once_around(cell, n_plus, tau, v, cells, sums):
-    """Sums (n, COLUMNS), zero before, over a period of each motion (n,); NaN of one that does not close."""
+    """Add up sums (n, COLUMNS), zero before, over a period of each motion (n,); NaN of one that does not close."""
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         status, tau1, v1, _time = summed(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
@@ -64,7 +64,7 @@ def once_around(cell, n_plus, tau, v, cells, sums):
 
 @kernel
 def followed(cell, tau, v, periods, cells, sums):
-    """Sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
+    """Add up sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
 
     NaN of one that comes to rest.
     """

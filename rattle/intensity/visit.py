@@ -52,11 +52,17 @@ def added(row, s, wall, speed, duration, impulse):
 
 @kernel
 def summed(tau, v, returns, periods, most, point, sums):
-    """Follow the motion that leaves Σ⁺ at (τ, v) until it has left Σ⁺ so many times more, or for so many forcing
-    periods, or impacts: (status, τ', v', time).
+    """Follow the motion that leaves Σ⁺ at (τ, v), until one of three limits is met.
+
+    It has left Σ⁺ so many times more, or made so many forcing periods, or impacts.
 
     sums (batches, COLUMNS), zero before: what the impacts add up to in equal parts of the periods; the last column has
     the largest speed.
+
+    Returns
+    -------
+    result
+        (status, τ', v', time).
     """
     wall, w, now, back, batches = SIGMA_PLUS, -v, 0.0, 0, sums.shape[0]
     for _ in range(most):
@@ -73,7 +79,7 @@ def summed(tau, v, returns, periods, most, point, sums):
 
 @kernel
 def listed(tau, v, returns, periods, point, impacts):
-    """As `summed`, with the impacts written one by one, as far as there is room: (status, τ', v', their number)."""
+    """Do `summed` with the impacts written one by one, as far as there is room: (status, τ', v', their number)."""
     wall, w, start, now, back = SIGMA_PLUS, -v, tau, 0.0, 0
     for i in range(impacts.time.size):
         status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)

@@ -13,7 +13,7 @@ DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ω
 
 
 class Units(NamedTuple):
-    """What one unit of the model is in SI units; multiply by it.
+    """SI units of the model's units; multiply by them.
 
     length (m): of Φ along the line of action. time (s): a forcing period. velocity (m/s): of speeds, along the line of
     action. energy (J): of v²/2, for the kinetic energy of an impact. power (W): of v²/2 per forcing period. force (N):

@@ -1,4 +1,4 @@
-"""What is given of a machine as plain numbers in SI units, and whether these can be meant."""
+"""Read the numbers of a machine as plain SI numbers, and decide whether these can be meant."""
 
 from typing import Any
 
@@ -68,8 +68,9 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
 
 
 def require_slow(speed: float, radius: float, sure: bool) -> None:
-    """Raise ParameterError on a speed in rad/s at which nothing turns, or unless sure of the unit one that seems to be
-    in rpm.
+    """Raise ParameterError on a speed in rad/s at which nothing turns.
+
+    Or, unless sure of the unit, on one that seems to be in rpm.
     """
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"nothing turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")

@@ -123,7 +123,7 @@ class Machine:
 
     @property
     def added(self) -> dict[str, float]:
-        """What its model has beside δ, ε and β, by name."""
+        """Parameters that its model has beside δ, ε and β, by name."""
         from rattle.models import ADDED  # loads all gears: only for who asks
 
         given = {

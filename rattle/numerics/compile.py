@@ -64,7 +64,7 @@ def _hash_without(left_out: set[str]) -> str:
 
 
 def toolchain() -> dict[str, str]:
-    """What the last bits of numbers depend on beside the sources: versions, and the processor with its features."""
+    """Return the versions and processor features that the last bits of numbers depend on, beside the sources."""
     features = binding.get_host_cpu_features()
     return {
         "python": platform.python_version(),
@@ -146,6 +146,7 @@ class Inline:
             Inline.all.append(self)
 
     def __call__(self, *arguments: Any) -> Any:
+        """Run the compiled function."""
         return self._run(*arguments)
 
 

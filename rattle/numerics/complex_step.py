@@ -33,7 +33,7 @@ def batch_of(x: NDArray) -> NDArray[np.complex128]:
 
 
 def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
-    """What a kernel has made of `batch_of(x)`: its axis (k,) as in x (…, N), and real where x is."""
+    """Return the results of `batch_of(x)` in the shape of x: its axis (k,) as in x (…, N), and real where x is."""
     if x.ndim != 2:
         found = found.reshape(found.shape[:axis] + x.shape[:-1] + found.shape[axis + 1 :])
     return found if x.dtype.kind == "c" else found.real

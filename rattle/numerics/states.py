@@ -70,7 +70,7 @@ def _by_density(
 
 
 def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Where the distribution of these rows (rows, cells) of weights comes to a share (n,), and in which cell."""
+    """Return the places at which the distribution of these rows (rows, cells) reaches a share (n,), and their cells."""
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])
     want = share * total[row, -1]

@@ -50,7 +50,7 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
 
 
 def _shown(header: list[str]) -> str:
-    """The names of a header, or its beginning."""
+    """Return the names of a header, or its beginning."""
     shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
     return shown or "none: the table is empty"
 

@@ -1,4 +1,4 @@
-"""What any return map has: iterates and tangents, periodic orbits, saddles, manifolds."""
+"""Handle any return map: iterates and tangents, periodic orbits, saddles, manifolds."""
 
 from rattle.orbits.period_one import PAPER_REGIONS, in_words
 

@@ -1,4 +1,4 @@
-"""What a return map gives for arrays of states, and motions sampled in time."""
+"""Results of a return map for arrays of states, and motions sampled in time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Returned(NamedTuple):
 
 
 class Stretched(NamedTuple):
-    """As `Iterates`, with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
+    """`Iterates` with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]

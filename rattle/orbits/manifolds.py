@@ -64,7 +64,7 @@ class _Level:
 
     @property
     def split(self) -> NDArray[np.bool_]:
-        """Whether a corner lies between each two neighbours (n − 1,)."""
+        """Flags (n − 1,) of corners between neighbours."""
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _corners(self) -> bool:
@@ -113,7 +113,9 @@ def manifold(
     angle: float = 0.2,
     unit: float = 1.0,
 ) -> Manifold:
-    """Return one side of the "stable" or "unstable" manifold of a saddle, up to this arclength in (τ, v) (dimensionless).
+    """Return one side of the "stable" or "unstable" manifold of a saddle.
+
+    Up to this arclength in (τ, v) (dimensionless).
 
     It ends earlier in a stable motion or at rest. A tongue that crosses Γ and returns within one spacing can be missed.
 
@@ -126,6 +128,11 @@ def manifold(
     unit : float
         The speed that is as far as a forcing period, for all three: where speeds are far from 1, a seventh of the
         largest that is looked at.
+
+    Returns
+    -------
+    Manifold
+        The manifold.
 
     Raises
     ------

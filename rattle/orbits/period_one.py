@@ -44,6 +44,7 @@ class Orbit(NamedTuple):
         return orbit_columns((self,))
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -146,6 +147,6 @@ class HasOrbits(Protocol):
 
 
 def html_of_point(gear: HasOrbits) -> str:
-    """What a notebook shows of a gear."""
+    """Return the HTML that a notebook shows for a gear."""
     caption = f"{gear!r}: {in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
     return html(caption, orbit_columns(gear.orbits()))

@@ -147,7 +147,9 @@ class Periodic(ABC):
 
     @classmethod
     def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
-        """Return the motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map.
+        """Return the motion of a solution x (n + 2,) of its equations, with the trace of its tangent map.
+
+        Time is folded.
         """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
@@ -198,7 +200,7 @@ class Periodic(ABC):
 
     @property
     def stable(self) -> bool:
-        """Whether the motion exists and attracts."""
+        """True if the motion exists and attracts."""
         return self.admissible and abs(self.multipliers[0]) < 1.0
 
     def _caption(self) -> str:
@@ -209,6 +211,7 @@ class Periodic(ABC):
         return {"wall": self.walls, "departure": self.departures, "speed": self.speeds}
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:

@@ -68,7 +68,7 @@ def power_map(tau, v, k, point):
 
 @kernel
 def newton(tau, v, k, point):
-    """Fixed point of Π^k near (τ, v): (found, τ, v)."""
+    """Return the fixed point of Π^k near (τ, v): (found, τ, v)."""
     size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
         status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)

@@ -71,8 +71,14 @@ def tangent(orbit: Periodic) -> Array:
 
 
 def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
-    """Unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier, towards rising v (rising τ where
-    v does not change).
+    """Return the unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier.
+
+    Towards rising v (rising τ where v does not change).
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The unstable and the stable one.
     """
     values, vectors = np.linalg.eig(tangent(orbit))
     unstable, stable = (np.real(vectors[:, i]) for i in np.argsort(-np.abs(values)))
@@ -81,8 +87,14 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
 
 
 def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
-    """Return the local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size,
-    v counted in units of this speed.
+    """Return the local manifold of a saddle.
+
+    It reaches as far as a series of degree 10 has a residual of 1e-12 of its size, v counted in units of this speed.
+
+    Returns
+    -------
+    Local
+        The series.
 
     Raises
     ------
@@ -113,7 +125,7 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
 
 
 def _solved(start: Local, size: float, derivative: Array) -> Local | None:
-    """The series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
+    """Return the series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
 
     Order by order W_k changes by (λ^k − DF)⁻¹ of the residual's power k, which is Newton's step but for the bend of F.
     """

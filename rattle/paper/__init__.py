@@ -1,5 +1,6 @@
-"""The paper, checked: every number and statement of Mason and Piiroinen (2009) beside what is computed, and where it is
-wrong or incomplete.
+"""Check the paper: every number and statement of Mason and Piiroinen (2009) beside its computed value.
+
+With findings where it is wrong or incomplete.
 """
 
 from rattle.paper.document import RULE, difference, markdown, value, verdict

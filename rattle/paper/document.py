@@ -27,7 +27,7 @@ def value(number: Number) -> str:
 
 
 def difference(number: Number) -> str:
-    """Computed less stated, to two decimals more than the paper gives."""
+    """Return computed less stated, to two decimals more than the paper gives."""
     return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
 
 

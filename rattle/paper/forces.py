@@ -60,7 +60,7 @@ def _smallest(delta: float, epsilon: float) -> float:
 
 
 def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
-    """The speed v between low and high at which Π jumps, and the speeds after it on both sides; by bisection."""
+    """Return the speed v between low and high at which Π jumps, and the speeds after it on both sides; by bisection."""
 
     def after(v: float) -> float:
         return float(rattle.iterate(delta, epsilon, tau, v, 1).v)
@@ -207,7 +207,7 @@ def extremes_of_f() -> Finding:
 
 
 def formulas_that_hold() -> tuple[Statement, ...]:
-    """What the paper derives correctly in section 3.1.1 and in (4.1)."""
+    """Return the statements that the paper derives correctly in section 3.1.1 and in (4.1)."""
     orders = formulas.orders()
     delta = np.linspace(0.4, 0.77, 38)
     sn1 = np.abs(2 - delta / np.tanh(delta / 2))

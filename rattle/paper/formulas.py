@@ -109,7 +109,9 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
 
 
 def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
-    """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v²: over whole periods, from phase 0.
+    """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v².
+
+    Over whole periods, from phase 0.
     """
     t, speed = 0.0, v
     while t < periods:

@@ -1,4 +1,4 @@
-"""What the paper says about its Figures 4 to 6: basins of attraction and the one-parameter diagram at δ = 0.6."""
+"""Statements of the paper about its Figures 4 to 6: basins, and the one-parameter diagram at δ = 0.6."""
 
 import numpy as np
 

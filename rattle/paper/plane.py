@@ -1,4 +1,4 @@
-"""What the paper says about its Figures 7 to 9: regions, the grazing curves, and the chaos that is born on G1."""
+"""Statements of the paper about its Figures 7 to 9: regions, grazing curves, and the chaos born on G1."""
 
 import math
 
@@ -52,7 +52,7 @@ def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ..
 
 
 def _seen(curve: str, delta: Array) -> tuple[set[str], set[str]]:
-    """The sets of orbits just below and just above a grazing curve."""
+    """Return the sets of orbits just below and just above a grazing curve."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
     for side in (-ASIDE, ASIDE):

@@ -35,7 +35,7 @@ def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Stat
 
 
 def findings(panels: pictures.Panels) -> tuple[Finding, ...]:
-    """Where the paper is wrong or incomplete."""
+    """Return the findings: where the paper is wrong or incomplete."""
     return tuple(compute() for compute in _findings(lambda: panels))
 
 
@@ -48,7 +48,7 @@ def one_finding(number: int) -> Report:
 
 
 def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
-    """What computes each finding, in the order of their numbers; what several need is computed once, if at all."""
+    """Return the computation of each finding, in order; shared values are computed once, if at all."""
     cells = cache(plane.cells)
     orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (

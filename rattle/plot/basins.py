@@ -50,8 +50,14 @@ def highest(gear: AnyGear) -> float:
 
 
 def folded(tau: Array, v: Array, v_max: float) -> Array:
-    """Return a line of the (τ, v) plane (k, 2) with its phases folded into [0, 1], NaN where it leaves a side, and without
-    what is beyond v_max. It ends on the very side that it leaves.
+    """Return a line of the (τ, v) plane (k, 2) with its phases folded into [0, 1].
+
+    NaN where it leaves a side, and without the part beyond v_max. It ends on the very side that it leaves.
+
+    Returns
+    -------
+    Array
+        Points (n, 2).
     """
     turn = np.floor(tau)
     points = [np.column_stack([tau - turn, v])]
@@ -124,7 +130,7 @@ def _legend(
 
 
 def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
-    """The mark of a period-one orbit where it lies, or in a legend."""
+    """Return the mark of a period-one orbit where it lies, or in a legend."""
     marker, meaning = CROSSES[stable]
     at = ([], []) if orbit is None else ([orbit.tau], [orbit.v])
     mark = Line2D(*at, ls="", marker=marker, color="white", ms=9, mew=1.6, zorder=4, label=meaning)
@@ -307,7 +313,7 @@ def _write_labels(
 
 
 def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
-    """The paper's symbol of a basin, if it has one."""
+    """Return the paper's symbol of a basin, if it has one."""
     if attractor.kind == "quiet":
         return r"$\Delta_L$"
     if attractor.kind == "chaotic":

@@ -74,13 +74,13 @@ def _label(motion: Motion) -> str | Label:
 
 
 def name_of(motion: Motion) -> str:
-    """What a legend calls a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
+    """Return the legend's name of a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
     label = _label(motion)
     return label if isinstance(label, str) else f"P({','.join(map(str, label))})"
 
 
 def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
-    """Where a legend puts a motion: quiet, periodic ones by m, n₊, n₋, chaotic, undecided."""
+    """Return the sort key of a motion in a legend: quiet, periodic by m, n₊, n₋, chaotic, undecided."""
     label = _label(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
 
@@ -146,7 +146,7 @@ class Palette:
         return self._taken.setdefault((label, self._times[label]), self._farthest())
 
     def _farthest(self) -> str:
-        """The spare colour that is farthest from all that are taken."""
+        """Return the spare colour that is farthest from all that are taken."""
         taken = np.array([_lab(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
         return _spare()[int(np.argmax(away))][0]

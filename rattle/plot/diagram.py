@@ -68,7 +68,7 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
 
 
 def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
-    """The figure; aside: room beyond both ends of the parameter, of its range."""
+    """Return the figure; aside: room beyond both ends of the parameter, of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
@@ -97,8 +97,7 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
 
 
 def branch_figure(branch: Any) -> Figure:
-    """Return the figure of one branch alone, of either model: as that of a diagram along its span, without attractors.
-    """
+    """Return the figure of one branch alone, as that of a diagram along its span without attractors."""
     require(isinstance(branch, Followed), f"branch must be a Branch, got {type(branch).__name__}")
     found: Any = branch
     at = found.parameters
@@ -154,7 +153,7 @@ def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
 
 
 def _fixed(diagram: Diagram[Any, Any]) -> str:
-    """The parameters that do not change along a diagram."""
+    """Return the parameters that do not change along a diagram."""
     names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), "κ": diagram.kappa}
     return ", ".join(
         f"{name} = {values[0]:g}"
@@ -232,7 +231,7 @@ def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
 
 
 def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """The points of the sweeps, the backward ones smaller on top of the forward ones."""
+    """Draw the points of the sweeps, the backward ones smaller on top of the forward ones."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -256,7 +255,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
 
 
 def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
-    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v are in the limit."""
+    """Name A to D beside their curves; in one word where they are one curve, as A and C in v are in the limit."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -274,13 +273,13 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve
 
 
 def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Which points are inside the panel."""
+    """Return flags of points inside the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
 def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """What is drawn of a curve inside the panel (k, 2), NaN between pieces."""
+    """Return the drawn lines (k, 2) of a curve inside the panel, NaN between pieces."""
     on = _seen(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 

@@ -1,4 +1,4 @@
-"""What every picture has: a figure with a canvas of its own, notes on what it lacks, and how it is written."""
+"""Draw pictures: a figure with its own canvas, notes on missing parts, and how it is written."""
 
 from pathlib import Path
 from typing import NamedTuple

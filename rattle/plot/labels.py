@@ -162,7 +162,7 @@ class Labels:
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
-        """What a place costs; one that costs more than `most` is not looked at to the end."""
+        """Return the cost of a place; one that costs more than `most` is not examined to the end."""
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
@@ -189,7 +189,7 @@ class Labels:
 
 
 def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
-    """Where a label of this half height fits along a stretch of a line (n, 2): centre, angle, and how bent it is."""
+    """Return the fits of a label of this half height along a stretch of a line (n, 2): centre, angle, bend."""
     if np.isnan(stretch).any():
         return []
     chord = stretch[-1] - stretch[0]
@@ -223,7 +223,7 @@ def _box(centre: Array, half: Array) -> Bbox:
 
 
 def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
-    """What encloses a turned box."""
+    """Return the box that encloses a turned box."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
     return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 

@@ -19,14 +19,14 @@ Given = float | Sequence[float]
 
 
 class Range(NamedTuple):
-    """What was written LOW:HIGH: never two numbers."""
+    """Range that was written LOW:HIGH: never two numbers."""
 
     low: float
     high: float
 
 
 class Takes(Enum):
-    """What a figure takes for δ or ε; the value says how it is written."""
+    """Kinds of values that a figure takes for δ or ε; the value says how it is written."""
 
     NUMBER = "a number"
     NUMBERS = "one number or more"
@@ -96,12 +96,12 @@ class Request:
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """Name of its file."""
         return f"figure{self.number}"
 
     @property
     def title(self) -> str:
-        """What it is, for people who wait for it."""
+        """Title, for people who wait for it."""
         return f"Figure {self.number}, {FIGURES[self.number].shows}"
 
     def draw(self) -> Drawing:
@@ -211,7 +211,7 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
 
 
 def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
-    """The number, numbers or range that a figure takes."""
+    """Return the number, numbers or range that a figure takes."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))
@@ -225,7 +225,7 @@ def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positi
 
 
 def _written(given: Given) -> str:
-    """As it would be written on the command line."""
+    """Return the value as it would be written on the command line."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return repr(given)
     return (":" if isinstance(given, Range) else ", ").join(map(str, given))

@@ -221,7 +221,7 @@ def _filled(box: Box) -> list[Array]:
 
 
 def _paper_marks(axes: Axes) -> dict[str, Array]:
-    """The ranges of Figures 5 and 9 and the window of Figure 8, where the axes show them at a size that can be seen."""
+    """Mark the ranges of Figures 5 and 9 and the window of Figure 8, where the axes show them at a visible size."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     marks = {}
     for name, (delta, (low, high)) in (("Figure 5", FIGURE_5), ("Figure 9", FIGURE_9)):

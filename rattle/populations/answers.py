@@ -107,8 +107,15 @@ class Population:
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
 
     def intensity(self, quantiles: Sequence[float] = QUANTILES) -> dict[float, Estimate]:
-        """Quantiles of the energy per revolution, or the power in watts of a machine, of a gear at random from a state
-        at random; an end of an interval that the population does not reach is infinite.
+        """Return quantiles of the energy per revolution, or the power in watts of a machine.
+
+        Of a gear at random from a state at random; an end of an interval that the population does not reach is
+        infinite.
+
+        Returns
+        -------
+        dict[float, Estimate]
+            Estimate of each quantile.
 
         Raises
         ------

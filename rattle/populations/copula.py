@@ -28,6 +28,7 @@ class Copula:
     matrix: Array
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         object.__setattr__(self, "_root", np.linalg.cholesky(self.matrix))
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
@@ -51,7 +52,7 @@ class Copula:
         return found
 
     def _expected(self, i: int, of: Array) -> Array:
-        """The mean of the i-th, by the others."""
+        """Return the mean of the i-th, by the others."""
         inverse: Array = self._inverse[i]  # type: ignore[attr-defined]
         others = [j for j in range(len(inverse)) if j != i]
         return -sum_of(inverse[others], of[:, others]) / inverse[i]
@@ -71,8 +72,7 @@ def shares(z: Array) -> Array:
 
 
 def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
-    """Return the matrix (d, d) of numbers with these names, by default that of independent ones. Raises ParameterError.
-    """
+    """Return the matrix (d, d) of numbers with these names, by default of independent ones. Raises ParameterError."""
     if given is None:
         return np.eye(len(names))
     matrix = real_array("correlation", given)

@@ -1,4 +1,4 @@
-"""What becomes of the gears of a population: many at once, each as it would alone."""
+"""Compute the gears of a population: many at once, each as it would be alone."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Gears(NamedTuple):
 
 
 def computed(plan: Plan, start: int, stop: int) -> Gears:
-    """These rows of a population; each row's numbers depend on nothing but the plan and its number."""
+    """Return these rows of a population; a row's numbers depend on the plan and its number only."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)
@@ -80,16 +80,16 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
 def followed(
     points: Points, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
-    """Return the attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities
-    ask.
-    """
+    """Return the attractors of states (n, count) of gears (n,), the row of each state, and data for intensities."""
     model = MODELS[points.parameters.model]
     found = model.classified(points.parameters, tau, v, budget)
     return *tabulated(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
-    """Return the states (n, count) from which the gears begin: those of `Gear.attractors`, or what shocks make of rest.
+    """Return the states (n, count) from which the gears begin.
+
+    Those of `Gear.attractors`, or the results of shocks on a gear at rest.
     """
     at = points.parameters
     if plan.shock is None:

@@ -163,7 +163,7 @@ class _Solver:
         return 1.0 / end, SPAN / end
 
     def _widest(self) -> float:
-        """The widest backlash or eccentricity of a machine."""
+        """Return the widest backlash or eccentricity of a machine."""
         return float(WIDEST * self.given.get("radius", math.inf))
 
     def _require_machine(self) -> None:
@@ -173,7 +173,10 @@ class _Solver:
                 Machine(**{**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Of so many samples those that end quietly, and those that may: undecided, if there is a quiet motion."""
+        """Return the samples, of so many, that end quietly, and those that may.
+
+        The latter are undecided ones, if there is a quiet motion.
+        """
         points = points_of({**self.given, self.of: np.array([value])})
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
@@ -186,9 +189,7 @@ class _Solver:
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
-        """By how much the share of quiet runs is more than what is asked, as it is found and at both ends of its
-        interval.
-        """
+        """Return the excess of the share of quiet runs over the required one, and at both ends of its interval."""
         if (known := self.known.get((value, count))) is None:
             samples = count or self.count
             quiet, undecided = self.ended(value, samples)
@@ -205,7 +206,7 @@ class _Solver:
         return Limit(0.5 * (inside + outside), low, high)
 
     def _first_too_much(self) -> int:
-        """The first of the values that is too much, by the samples of the scan if these are sure, else by all.
+        """Return the first of the values that is too much, by the samples of the scan if these are sure, else by all.
 
         Their number where none is.
         """

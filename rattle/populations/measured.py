@@ -17,8 +17,14 @@ LEAST = 3  # gears
 
 
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
-    """Return the numbers of measured gears, from a table with a header that names them (eccentricity, …; SI units) and a
-    row for each gear: their distributions, and their correlation as `population` takes it.
+    """Read the numbers of measured gears.
+
+    From a table with a header that names them (eccentricity, …; SI units) and a row for each gear.
+
+    Returns
+    -------
+    tuple[dict[str, Measured], NDArray[np.float64]]
+        Their distributions, and their correlation as `population` takes it.
 
     Raises
     ------
@@ -37,7 +43,7 @@ def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float6
 
 
 def _scores(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The normal numbers of ranks; equal values share theirs."""
+    """Return the normal numbers of ranks; equal values share theirs."""
     order = np.sort(values)
     ranks = 0.5 * (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right"))
     return np.asarray(ndtri(ranks / values.size))

@@ -1,4 +1,4 @@
-"""Which gears a population consists of, and what is computed of them: each row by its number alone."""
+"""Plan a population: its gears and the computed quantities, each row by its number alone."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ class Shock:
     phase: float | str | Distribution = ANY_PHASE
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name in ("speed", "phase"):
             value = getattr(self, name)
             read = distribution_of(value) if isinstance(value, str) else value
@@ -71,6 +72,7 @@ class Plan:
     budget: int = BUDGET
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         require_integer("gears", self.gears, 2, MOST_GEARS)
         require_integer("count", self.count, 1, MOST_COUNT)
         require_integer("seed", self.seed, 0, LARGEST_SEED)

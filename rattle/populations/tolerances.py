@@ -1,4 +1,4 @@
-"""Which numbers of a gear are given, and how they vary: from random numbers to gears."""
+"""Numbers of a gear and how they vary: from random numbers to gears."""
 
 from __future__ import annotations
 
@@ -54,6 +54,7 @@ class Tolerances:
     correlation: ArrayLike | None = None
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         given = {name: value for name, value in self.given.items() if value is not None}
         require_known(given)
         read = {name: _read(name, given[name]) for name in (*DIMENSIONLESS, *OF_MACHINE, "drive") if name in given}

@@ -1,4 +1,4 @@
-"""What is proved of one motion: exact numbers, so that anybody can check it."""
+"""Theorem about one motion: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Ends = tuple[Fraction, Fraction]
 
 
 class Verdict(StrEnum):
-    """What the enclosed multipliers say."""
+    """Verdict by the enclosed multipliers."""
 
     ATTRACTING = "attracting"
     SADDLE = "saddle"
@@ -58,6 +58,7 @@ class Certificate:
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def __str__(self) -> str:
+        """Return a readable description."""
         m, n_plus, n_minus = self.label
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         return (
@@ -66,7 +67,7 @@ class Certificate:
         )
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number but the integers is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
         return {
             "format": FORMAT,
             "model": self.model,

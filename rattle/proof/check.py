@@ -29,6 +29,7 @@ class Refused(Exception):  # noqa: N818 - it is an answer, no fault
 
 
 def require(ok: bool, why: str) -> None:
+    """Raise Refused unless ok."""
     if not ok:
         raise Refused(why)
 
@@ -51,7 +52,7 @@ def turned(x: Interval) -> tuple[Interval, Interval]:
 
 
 class Motion:
-    """What a certificate says of a motion: its events are impacts, or begins and ends of contacts."""
+    """Motion of a certificate: its events are impacts, or begins and ends of contacts."""
 
     def __init__(self, document: Any) -> None:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
@@ -71,10 +72,14 @@ class Motion:
         require(positive(self.delta, self.beta, *kappa, *self.radii), "a parameter or a radius is not positive")
 
     def pieces(self, x: Sequence[Interval]) -> "list[Piece]":
+        """Return the pieces of the motion between its events."""
         return [Piece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
-        """What y and the velocity lack at the end of each piece, all 0 for a motion; rows {unknown: derivative}."""
+        """Return the errors of y and the velocity at the end of each piece, all 0 for a motion.
+
+        With rows {unknown: derivative}.
+        """
         values, rows = [], []
         for p in self.pieces(x):
             (y, v), (c, s, c1, s1) = p.after(p.duration), p.tangent(p.duration)
@@ -124,7 +129,10 @@ class Motion:
                 require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
 
     def trace(self, x: Sequence[Interval]) -> Interval:
-        """Of the tangent map over the period; that of an impact is [[−1, 0], [2g/v, −1]], v the velocity before."""
+        """Return the trace of the tangent map over the period.
+
+        That of an impact is [[−1, 0], [2g/v, −1]], v the velocity before.
+        """
         a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
         for p in self.pieces(x):
             e, f, g, h = p.tangent(p.duration)
@@ -177,8 +185,14 @@ class Piece:
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def stays(self) -> bool:
-        """Return whether y is clear of the walls, or in contact beyond its wall, at all times but both ends of the
-        piece.
+        """Return whether y clears the walls, or stays in contact beyond its wall, within the piece.
+
+        At all times but both ends.
+
+        Returns
+        -------
+        bool
+            The answer.
         """
 
         def clear(y: Interval) -> bool:

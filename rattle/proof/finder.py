@@ -109,10 +109,15 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Of λ² − trace λ + determinant with 0 < determinant < 1.
+    """Return the verdict by λ² − trace λ + determinant with 0 < determinant < 1.
 
     Both roots are inside the unit circle if and only if |trace| < 1 + determinant, and one is outside if |trace| is
     more.
+
+    Returns
+    -------
+    Verdict
+        The verdict.
     """
     if abs(trace) < 1 + determinant:
         return Verdict.ATTRACTING
@@ -133,7 +138,7 @@ def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
 
 
 def published(x: arb) -> Ends:
-    """Ends of an enclosure in few digits, wider than the ball."""
+    """Return the ends of an enclosure in few digits, wider than the ball."""
     if not x.is_finite():
         raise NotProvedError("its multipliers are not enclosed: its derivatives grow too fast on the way")
     low, high = ends(x)
@@ -144,7 +149,7 @@ def published(x: arb) -> Ends:
 
 
 def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """What no speed of the box is farther from its centre than, in two digits."""
+    """Return a bound of the distance of the box's speeds from their centres, in two digits."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exactly(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

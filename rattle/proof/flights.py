@@ -106,8 +106,9 @@ def sign(x: arb) -> int:
 
 
 def require_first(flight: Flight, wall: int, target: int, name: str) -> None:
-    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` with speeds that are not 0 and has all
-    its extrema between the walls: then it meets none on its way.
+    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` first.
+
+    Its speeds are not 0 and all its extrema are between the walls: then it meets none on its way.
     """
     if not flight.t1 > flight.t0:
         raise NotProvedError(f"{name} would take no time")

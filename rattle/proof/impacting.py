@@ -72,7 +72,7 @@ class Impacting:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Impacts:
-        """The motion of these times; where R is not 0 its impacts are not elastic."""
+        """Return the motion of these times; where R is not 0 its impacts are not elastic."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

@@ -75,7 +75,7 @@ class Contact:
 
     @cached_property
     def start(self) -> tuple[arb, arb]:
-        """What y and y' lack of the steady motion at first."""
+        """Distance of y and y' from the steady motion at first."""
         y, v = self.walls.steady(self.t0)
         return -y, self.w - v
 
@@ -165,7 +165,7 @@ class Stiff:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
-        """The motion of these times; where R is not 0 its contacts do not fit between its flights."""
+        """Return the motion of these times; where R is not 0 its contacts do not fit between its flights."""
         c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [

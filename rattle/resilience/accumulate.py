@@ -1,4 +1,4 @@
-"""What is gathered from the impacts of samples: one interface for this library's quantities and for anybody's own."""
+"""Gather quantities from the impacts of samples: one interface for this library's and for anybody's own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Accumulator(Protocol):
     """A quantity of each of n samples, from their impacts on Σ⁺ one by one."""
 
     def begin(self, tau: Array, v: Array) -> None:
-        """The samples (n,) set out."""
+        """Begin with the samples (n,)."""
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_] | None:
         """Return the next departures from Σ⁺ of these samples (k,), with the forcing periods since they set out.
@@ -39,10 +39,16 @@ Make = Callable[[], Accumulator]
 def accumulated(
     gear: AnyGear, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return the quantity of samples (τ, v) of a gear, each followed for so many forcing periods, or impacts on Σ⁺ at
-    most.
+    """Return the quantity of samples (τ, v) of a gear.
+
+    Each is followed for so many forcing periods, or impacts on Σ⁺ at most.
 
     A sample that comes to rest has no impacts from there on.
+
+    Returns
+    -------
+    Array
+        The quantity, as the accumulator has it.
 
     Raises
     ------

@@ -53,11 +53,17 @@ def between(start: Parameters, end: Parameters, share: float) -> AnyGear:
 
 
 def end_of(start: Parameters, end: Parameters, orbit: Orbit) -> End:
-    """Follow an orbit from one point towards another, as long as it happens and attracts, by steps that
-    halve where they fail.
+    """Follow an orbit from one point towards another, as long as it happens and attracts.
+
+    By steps that halve where they fail.
 
     Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and stops a little before: the place is
     extrapolated from the multipliers, and lies in the middle between low and high.
+
+    Returns
+    -------
+    End
+        The end of the orbit.
     """
     at, step, share = orbit, 1.0, 0.0
     last = _solved(between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
@@ -90,7 +96,7 @@ def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
 
 
 def _solved(gear: AnyGear, near: Orbit) -> Any:
-    """The periodic motion with this label whose departure is near, or None."""
+    """Return the periodic motion with this label whose departure is near, or None."""
     try:
         found = gear.orbit(near.tau, near.v, near.label[1])
     except RattleError:

@@ -29,7 +29,7 @@ CLOSE, ARRIVED = 1e-2, 1e-5  # to a saddle: from where one is solved for, and wh
 
 @dataclass(frozen=True)
 class EdgeState:
-    """What motions on a boundary come to. tau, v.
+    """Edge state: the motion that the boundary of two basins leads to. tau, v.
 
     A state of it, to `distance`. orbit: the unstable periodic motion, of the gear's own kind, None where it is none of
     up to eight impacts: the edge itself is chaotic then, or longer. impacts: on Σ⁺ that were followed to it.
@@ -43,8 +43,9 @@ class EdgeState:
 
 
 def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOST_TURNS) -> EdgeState:
-    """Return the edge state on the boundary between the basins of two states, both (τ, v), that go to different
-    attractors.
+    """Return the edge state on the boundary between the basins of two states, both (τ, v).
+
+    They go to different attractors.
 
     If the line between them crosses several boundaries, that of the basin of `one` is meant which is nearest to it.
 
@@ -52,6 +53,11 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     ----------
     turns : int
         How often the pair is brought together at most.
+
+    Returns
+    -------
+    EdgeState
+        The edge state.
 
     Raises
     ------
@@ -98,7 +104,7 @@ def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
 
 
 def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
-    """The nearest unstable periodic motion that is CLOSE to a state, and how near one of its departures is."""
+    """Return the nearest unstable periodic motion that is CLOSE to a state, and the distance of its departures."""
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)

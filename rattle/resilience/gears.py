@@ -31,7 +31,7 @@ def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: S
 
 
 def unit_of(gear: AnyGear) -> float:
-    """What speeds are measured in."""
+    """Return the scale of speeds."""
     return float(speed_unit(gear.delta, gear.epsilon, gear.beta))
 
 

@@ -107,7 +107,7 @@ class GlobalContinuation:
         return rows
 
     def _won(self, number: int) -> NDArray[np.int64]:
-        """Samples at each step (n,), −1 where the family is not."""
+        """Return the samples at each step (n,), −1 where the family is not."""
         rows = self._rows(number)
         cell, n = self.attractors.cell[rows], len(self.parameters)
         won = np.bincount(cell, self.attractors.samples[rows], n).astype(np.int64)
@@ -127,8 +127,9 @@ def global_continuation(
     states: States = None,
     **added: float | None,
 ) -> GlobalContinuation:
-    """Return the attractors along a path of (δ, ε), of (δ, ε, β) or of these with what a model adds, points (k, 2 or
-    more).
+    """Return the attractors along a path of parameters, points (k, 2 or more).
+
+    Of (δ, ε), of (δ, ε, β) or of these with the parameters that a model adds.
 
     Each stable orbit is itself continued to the next steps, so that these have what their samples missed; chaotic
     attractors are one where they visit the same states (docs/families.md). Of each family that begins or ends the cause
@@ -145,6 +146,11 @@ def global_continuation(
         What else to gather of each sample, by name, over so many forcing periods (`Accumulator`).
     states : States
         Own ones (τ, v) of every step instead.
+
+    Returns
+    -------
+    GlobalContinuation
+        The attractors and their basin fractions.
 
     Raises
     ------
@@ -172,7 +178,7 @@ def global_continuation(
 
 
 class _Changes:
-    """Which families begin and end along a path, and why."""
+    """Begins and ends of families along a path, and their causes."""
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
@@ -228,8 +234,14 @@ class _Changes:
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
     def _goes_to(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
-        """The family at a step that most states of an attractor go to, −1 if none is known, CHAOS_THERE if it is
-        chaotic and there is none.
+        """Return the family at a step that most states of an attractor go to, −1 if none is known.
+
+        CHAOS_THERE if it is chaotic and there is none.
+
+        Returns
+        -------
+        int
+            Number of the family.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
@@ -243,7 +255,7 @@ class _Changes:
         return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
-        """The family at a step that an orbit belongs to, −1 if it is not listed there."""
+        """Return the family at a step that an orbit belongs to, −1 if it is not listed there."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
             if self.rows.label(row) == orbit.label:

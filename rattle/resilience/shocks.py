@@ -83,13 +83,13 @@ def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
 
 
 def _changed(state: _State, change: float) -> tuple[float, float] | None:
-    """The departure after a shock at one."""
+    """Return the departure after a shock at a state."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
 
 def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
-    """The states of an attractor at a phase, and where they depart from Σ⁺ after a shock."""
+    """Return the states of an attractor at a phase, and their departures from Σ⁺ after a shock."""
     if attractor.kind == "quiet":
         return [_State(phase, gear.beta, 0.0)], _changed
     require(attractor.kind == "periodic", "a shock at a phase is that of a quiet or periodic motion: leave phase out")

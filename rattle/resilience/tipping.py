@@ -1,4 +1,4 @@
-"""Where states of one parameter point go when the parameters jump to another."""
+"""Find the fate of states when the parameters jump to another point."""
 
 from __future__ import annotations
 

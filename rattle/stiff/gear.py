@@ -28,7 +28,7 @@ LONGEST_RUN = 1e5  # forcing periods of one call
 
 
 class Motion(NamedTuple):
-    """Where a motion is after a time.
+    """State of a motion after a time.
 
     Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
     fixed times, of determinant e^(−δ time).
@@ -43,8 +43,9 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class StiffGear(Sampled, Rattling):
-    """The gear model with stiff contact at damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and
-    stiffness kappa > 0, all dimensionless.
+    """Stiff gear model at one parameter point.
+
+    Damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and stiffness kappa > 0, all dimensionless.
 
     Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt, where B(Φ) is the depth of Φ beyond ±β; time in forcing
     periods. States are (Φ, Φ') at a time, or (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the
@@ -118,8 +119,14 @@ class StiffGear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase,
-        in the gap or in contact. v is 0 if its contact with Σ⁺ never ends.
+        """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
+
+        In the gap or in contact. v is 0 if its contact with Σ⁺ never ends.
+
+        Returns
+        -------
+        tuple[float, float]
+            Phase τ and speed v.
 
         Raises
         ------
@@ -158,8 +165,14 @@ class StiffGear(Sampled, Rattling):
         )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
-        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺, with its
-        least period; see `stiff_orbit`.
+        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺.
+
+        With its least period; see `stiff_orbit`.
+
+        Returns
+        -------
+        periodic.StiffOrbit
+            The motion.
         """
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 

@@ -1,4 +1,4 @@
-"""Who may send a request: asked before any route, so that a new route is closed until it is opened here."""
+"""Authorise every request before any route, so that a new route is closed until it is opened here."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ BEARER = HTTPBearer(
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Who sends this request. On a route, it declares in OpenAPI that a key is asked."""
+    """Return the sender of this request. On a route, it declares in OpenAPI that a key is needed."""
     caller: Caller = request.state.caller
     return caller
 
@@ -105,6 +105,7 @@ class AccessMiddleware:
         self._asks_all = asks_keys(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return

@@ -1,4 +1,4 @@
-"""Where a request comes from and what it calls this service: addresses, names and pages of other sites."""
+"""Check where a request comes from and the host that it names: addresses, names and pages of other sites."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def require_root(headers: Headers, root: str) -> None:
 
 
 def _host_advice(there: str, headers: Headers) -> str:
-    """What to set where a browser names this service in another way than a request does."""
+    """Return advice for a browser that names this service in another way than a request does."""
     return (
         f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
         "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "
@@ -137,7 +137,7 @@ def _address(text: str) -> IPv4Address | IPv6Address | None:
 
 
 def _host_name(host: str) -> str:
-    """The name in a Host header, lower case, without port; empty if it is not one."""
+    """Return the name in a Host header, lower case, without port; empty if it is not one."""
     try:
         return (urlsplit(f"//{host}").hostname or "").removesuffix(".")
     except ValueError:

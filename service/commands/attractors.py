@@ -21,8 +21,14 @@ SpeedLimit = Annotated[
 
 
 def found_at(point: Point, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """Return the attractors of a point by falling share of the samples, whose speeds are by default those of its
-    motions.
+    """Return the attractors of a point by falling share of the samples.
+
+    Their speeds are by default those of its motions.
+
+    Returns
+    -------
+    tuple[Attractor, ...]
+        The attractors.
     """
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 

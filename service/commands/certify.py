@@ -93,7 +93,7 @@ def certify(
 
 
 def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
-    """The certificate of a horseshoe, or why there is none."""
+    """Yield the certificate of a horseshoe, or why there is none."""
     import rattle
     from rattle.proof.chaos.prove import certify_chaos
 
@@ -147,7 +147,7 @@ def _check(path: Path) -> None:
 
 
 def _theorem(line: str) -> object:
-    """What kind of theorem a certificate is for; None of a motion, and of what is no certificate."""
+    """Return the kind of theorem of a certificate; None of a motion, and of a line that is no certificate."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):

@@ -1,4 +1,4 @@
-"""What ``rattle certify`` proves of whole blocks of a plane."""
+"""Prove whole blocks of a plane with ``rattle certify``."""
 
 from __future__ import annotations
 

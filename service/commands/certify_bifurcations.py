@@ -1,4 +1,4 @@
-"""What ``rattle certify`` proves of bifurcations: the points of a survey's curves, and those where curves meet."""
+"""Prove bifurcations with ``rattle certify``: the points of a survey's curves, and those where curves meet."""
 
 from __future__ import annotations
 

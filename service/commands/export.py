@@ -64,7 +64,7 @@ def _write(store: str, out: Path, form: Form) -> None:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[IO[bytes]]:
-    """A file that takes the place of `path` once it is whole; what fails on the way leaves nothing behind."""
+    """Yield a file that takes the place of `path` once it is whole; a failure leaves nothing behind."""
     from gear_rattle.service.errors import ServiceError
 
     part = path.with_name(f".{path.name}.{os.getpid()}")

@@ -96,7 +96,7 @@ def figure(
 def _requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
-    """The figures that are asked for, all checked before the first is computed."""
+    """Return the requested figures, all checked before the first is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
 
     numbers: list[int] = []

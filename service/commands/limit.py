@@ -67,7 +67,7 @@ def limit(
 
 
 def _words(of: str, share: float, found: Limit, at: str = "") -> str:
-    """A limit in a line."""
+    """Return a limit in a line."""
     from rattle.populations import SAFE_IF_SMALL
 
     unit, scale = UNITS.get(of, ("", 1.0))

@@ -164,7 +164,10 @@ Scheduler = Annotated[
 
 
 def settings_of(**given: Any) -> Settings:
-    """Settings of a service, where None leaves them to the environment; typer.BadParameter names what is wrong."""
+    """Return settings of a service; None leaves them to the environment.
+
+    typer.BadParameter names the wrong option.
+    """
     from pydantic import ValidationError
 
     from gear_rattle.service.settings import Settings

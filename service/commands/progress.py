@@ -19,15 +19,19 @@ PLAIN_SECONDS = 10.0
 class Reporter(Protocol):
     """Shows how many cells are done, and how many seconds are left if somebody knows better than by the speed."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        """Begin the display."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    ) -> None:
+        """End the display."""
 
-    def show(self, cells_done: int) -> None: ...
+    def show(self, cells_done: int) -> None:
+        """Show the number of computed cells."""
 
-    def tell_left(self, seconds: float) -> None: ...
+    def tell_left(self, seconds: float) -> None:
+        """Show the remaining time."""
 
 
 class _Told(logging.Handler):

@@ -93,7 +93,7 @@ def describe(
 
 
 def _job(client: Client, job_id: str) -> Job:
-    """What has this id."""
+    """Return the job with this id."""
     from gear_rattle.service.errors import ResponseError
 
     try:

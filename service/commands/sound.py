@@ -51,7 +51,7 @@ def sound(
 
 
 def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """The attractor of this number, or the one that rattles hardest."""
+    """Return the attractor of this number, or the one that rattles hardest."""
     if number is not None:
         if not 1 <= number <= len(found):
             raise typer.BadParameter(f"there are attractors 1 to {len(found)}", param_hint="--attractor")

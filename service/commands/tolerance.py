@@ -104,7 +104,7 @@ def _request(
     shock: dict[str, str | None],
     asked: dict[str, Any],
 ) -> PopulationRequest:
-    """The request that these options describe; typer.BadParameter names the option that is wrong."""
+    """Return the request that these options describe; typer.BadParameter names the wrong option."""
     from pydantic import ValidationError
 
     import rattle
@@ -147,7 +147,7 @@ def _request(
 
 
 def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
-    """The matrix of these correlations."""
+    """Return the matrix of these correlations."""
     import numpy as np
 
     matrix, given = np.eye(len(names)), list[set[int]]()

@@ -49,7 +49,7 @@ def shown(url: URL) -> str:
 
 
 def _json_of(text: Any) -> Any:
-    """A value of JSON; None if it is damaged, or one row would keep all others from being read."""
+    """Return a value of JSON; None if it is damaged, or one row would keep all others from being read."""
     try:
         return json.loads(text)
     except (ValueError, TypeError, RecursionError):
@@ -88,7 +88,7 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
 
 
 def _file(url: URL) -> tuple[int, int] | None:
-    """Which file the path of a SQLite database names now, if any."""
+    """Return the identity of the file that the path of a SQLite database names now, if any."""
     try:
         found = os.stat(str(url.database))
     except OSError:

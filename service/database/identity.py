@@ -1,4 +1,4 @@
-"""Which survey a submission already is: by its idempotency key, or by what it computes."""
+"""Identify the survey that a submission already is: by its idempotency key, or by its content."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_ANSWERED = 100
 
 @dataclass(frozen=True)
 class NewJob:
-    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key.
+    """Survey at its acceptance; ``body_hash`` tells one body from another under the same key.
 
     Owners, which are ids of API keys, have idempotency keys of their own.
     """

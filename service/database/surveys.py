@@ -83,7 +83,9 @@ class Surveys(Transactions):
         return job
 
     def job(self, survey_id: str, kind: Kind | None = None) -> JobRow:
-        """Return the survey or population with this id; UnknownSurveyError if there is none, or it is not of this kind.
+        """Return the survey or population with this id.
+
+        UnknownSurveyError if there is none, or it is not of this kind.
         """
         with self._read() as session:
             job = _find(session, survey_id)
@@ -147,6 +149,7 @@ class Surveys(Transactions):
             return {State(state): (count, int(tiles), int(done)) for state, count, tiles, done in found}
 
     def count(self, state: State) -> int:
+        """Return the number of jobs in a state."""
         with self._read() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
@@ -216,7 +219,7 @@ class Surveys(Transactions):
         self._on_change(survey_id)
 
     def tiles_done(self, survey_id: str) -> set[int]:
-        """Indices of the tiles that have been noted as written."""
+        """Return the indices of the tiles that have been noted as written."""
         with self._read() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
@@ -366,7 +369,7 @@ def _waits_for(job: JobRow) -> str:
 
 
 def _storable(value: str) -> str:
-    """The text without what PostgreSQL cannot hold: NUL, and surrogates without a partner."""
+    """Return the text without the characters that PostgreSQL cannot hold: NUL, and surrogates without a partner."""
     return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 

@@ -21,11 +21,12 @@ class State(StrEnum):
 
     @property
     def final(self) -> bool:
+        """True if the state does not change any more."""
         return self not in ACTIVE
 
 
 class Kind(StrEnum):
-    """What a job computes."""
+    """Kinds of jobs."""
 
     SURVEY = "survey"
     POPULATION = "population"
@@ -85,7 +86,7 @@ class JobRow(Table):
 
     @property
     def is_readable(self) -> bool:
-        """Whether the request is one; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
+        """True if the request is one; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
         return isinstance(self.request, dict)
 
     @property
@@ -154,7 +155,7 @@ class AnsweredRow(Table):
 
 
 class Scope(StrEnum):
-    """What a key allows."""
+    """Permissions of a key."""
 
     READ = "read"
     SUBMIT = "submit"

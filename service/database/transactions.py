@@ -1,4 +1,4 @@
-"""What every room of the database is built on: reading and writing transactions."""
+"""Reading and writing transactions, on which every room of the database is built."""
 
 from __future__ import annotations
 
@@ -54,7 +54,12 @@ class Transactions:
 
     @contextmanager
     def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
-        """A transaction that no other writer overlaps, so that it may decide by what it reads.
+        """Yield a transaction that no other writer overlaps, so that it may decide by the rows that it reads.
+
+        Yields
+        ------
+        tuple[Session, ServiceRow]
+            The session, and the row of the service.
 
         Raises
         ------

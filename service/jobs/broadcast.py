@@ -74,6 +74,7 @@ class Feed:
         return self._recent[seen + 1 - first :] if seen + 1 >= first else None
 
     def close(self) -> None:
+        """Stop publishing."""
         self._task.cancel()
 
     async def _keep_up(self) -> None:

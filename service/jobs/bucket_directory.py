@@ -12,7 +12,7 @@ from gear_rattle.workers import Bucket
 
 
 class BucketDirectory(DataDirectory):
-    """Where a service keeps its jobs, and the prefix of a bucket where it keeps the stores.
+    """Directory of a service's jobs, and the prefix of a bucket with its stores.
 
     Parameters
     ----------
@@ -33,17 +33,21 @@ class BucketDirectory(DataDirectory):
 
     @contextmanager
     def locked(self) -> Iterator[None]:
+        """Hold the lock of the directory; raise at once if the bucket is not there."""
         with super().locked():
             self._root.children()  # a bucket that is not there is said now
             yield
 
     def store(self, survey_id: str) -> Bucket:
+        """Return the store of a survey."""
         return self._bucket(survey_id)
 
     def remove_store(self, survey_id: str) -> None:
+        """Delete the store of a survey."""
         self.store(survey_id).delete()
 
     def entries(self) -> list[Entry]:
+        """Return the entries among the stores, by name."""
         return sorted(self._entries(), key=lambda entry: entry.name)
 
     def _entries(self) -> Iterator[Entry]:

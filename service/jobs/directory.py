@@ -39,7 +39,7 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 
 @dataclass(frozen=True)
 class Entry:
-    """What stands among the stores; ``survey_id`` is empty if its name is none of ours."""
+    """Entry among the stores; ``survey_id`` is empty if its name is none of ours."""
 
     name: str
     survey_id: str
@@ -49,6 +49,8 @@ class Entry:
 
     @classmethod
     def of(cls, path: Path) -> Entry:
+        """Return the entry at a path."""
+
         def remove() -> None:
             shutil.rmtree(path, ignore_errors=True)
 
@@ -59,7 +61,7 @@ class Entry:
 
 
 class DataDirectory:
-    """Where one server keeps everything it must find again.
+    """Directory with everything that one server must find again.
 
     Parameters
     ----------
@@ -74,11 +76,12 @@ class DataDirectory:
 
     @property
     def database_url(self) -> URL:
+        """Address of the job database."""
         return URL.create("sqlite", database=str(self._database))
 
     @property
     def has_database(self) -> bool:
-        """Whether a service, or a key for one, has been here."""
+        """True if a service, or a key for one, has been here."""
         return self._database.exists()
 
     def store(self, survey_id: str) -> Path | Bucket:

@@ -101,6 +101,7 @@ class JobManager:
         self.storage_state = OK
 
     def start(self) -> None:
+        """Start the thread."""
         self._thread.start()
 
     def ask_to_stop(self) -> None:
@@ -335,7 +336,7 @@ class JobManager:
     def _prepared(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """The tiles that are missing of a survey, by their index, and whether some that were there are lost."""
+        """Return the missing tiles of a survey, by their index, and whether some that were there are lost."""
 
         # Curves take minutes in some windows: nothing is computed in this process.
         def template(request: AnyRequest, created: str | None) -> Template:
@@ -362,7 +363,7 @@ class JobManager:
         return True
 
     def _telling(self, survey_id: str) -> Callable[[int, int], None]:
-        """What tells of attractors that are proved, at each per cent of them."""
+        """Return a function that notes the number of proved attractors, at each per cent of them."""
         shown = -1
 
         def tell(done: int, number: int) -> None:

@@ -14,7 +14,7 @@ TURN_SECONDS = 3.0  # then the tasks at work end, within two seconds unless one 
 
 @dataclass
 class _Standing:
-    """Of an API key: number of its last turn, and whether the next one is for what has least left."""
+    """Turns of an API key: number of its last turn, and whether the next one is for the survey with least left."""
 
     last: int = 0
     smallest: bool = True
@@ -54,7 +54,7 @@ class Turns:
         return min(mine, key=lambda each: self._waits_since[each.id])
 
     def begin(self, survey: Active) -> None:
-        """It has this turn."""
+        """Begin a turn of a survey."""
         self._count += 1
         key = self._key(survey.owner)
         key.last, key.smallest = self._count, not key.smallest
@@ -63,7 +63,7 @@ class Turns:
 
     @property
     def is_used_up(self) -> bool:
-        """Whether another survey may come."""
+        """True if another survey may come."""
         return self._clock() - self._began >= TURN_SECONDS
 
     def _key(self, owner: str | None) -> _Standing:

@@ -42,6 +42,7 @@ class Context(logging.Filter):
     """Adds survey and request to a record."""
 
     def filter(self, record: logging.LogRecord) -> bool:
+        """Add the survey and the request to a record."""
         for name, variable in (("survey", _survey), ("request", current_request)):
             if not hasattr(record, name) and (value := variable.get()):
                 setattr(record, name, value)
@@ -59,12 +60,14 @@ def printable(text: str) -> str:
 
 
 class Printable(logging.Formatter):
-    """What both forms are built on."""
+    """Base of both formats."""
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of logging
+        """Return the traceback in printable characters."""
         return "\n".join(_traceback(*ei))
 
     def formatStack(self, stack_info: str) -> str:  # noqa: N802
+        """Return the stack in printable characters."""
         return "\n".join(f"  {printable(line)}" for line in stack_info.split("\n"))
 
 
@@ -83,11 +86,13 @@ class Text(Printable):
     """A line for people: the message, then what it belongs to."""
 
     def format(self, record: logging.LogRecord) -> str:
+        """Return the record as text, without the text of another handler."""
         alone = copy(record)
         alone.exc_text = None  # as another handler may have written it
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
+        """Return the message with the survey, the request and the seconds."""
         names = ("survey", "request", "seconds")
         about = "".join(f" {n}={getattr(record, n)}" for n in names if hasattr(record, n))
         return printable(super().formatMessage(record).rstrip() + about)

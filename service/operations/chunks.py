@@ -1,4 +1,4 @@
-"""Which keys a store must have: of what is not computed yet there is none, and zarr takes that for fill values."""
+"""Decide which keys a store must have: a missing chunk means fill values to zarr."""
 
 from __future__ import annotations
 
@@ -28,9 +28,16 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
 
 @lru_cache(maxsize=64)
 def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # to be kept apart by
-    """What does not change as long as there is the store, but that families and levels come at the end of a run.
+    """Return the manifest of a store.
+
+    It does not change as long as there is the store, but that families and levels come at the end of a run.
 
     Raises LookupError.
+
+    Returns
+    -------
+    Manifest
+        The manifest.
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError

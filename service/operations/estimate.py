@@ -1,4 +1,4 @@
-"""What a survey will cost, from what others like it have cost here."""
+"""Estimate the cost of a survey, from the cost of similar ones here."""
 
 from __future__ import annotations
 
@@ -40,9 +40,14 @@ class Estimate:
 
 
 async def estimate(front: Front, request: AnyRequest) -> Estimate:
-    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells.
+    """Estimate the cost of a survey: by the one most like it among the newest here, else by nine of its cells.
 
     What a population will cost: by nine of its gears.
+
+    Returns
+    -------
+    Estimate
+        The estimate.
 
     Raises
     ------
@@ -140,7 +145,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """A few of its gears, as many of which are judged as of all."""
+    """Return a request for a few of its gears, as many of which are judged as of all."""
     gears = min(request.gears, TRIED * TRIED)
     judged = max(1, round(gears * request.plan.judging / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
@@ -154,7 +159,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """The middles of as many equal parts of an axis: cells at its ends stand for fewer than others do."""
+    """Return the middles of as many equal parts of an axis: cells at its ends stand for fewer than others do."""
     num = min(axis.num, TRIED)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

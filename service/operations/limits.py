@@ -1,4 +1,4 @@
-"""What may be asked of a survey, in one function."""
+"""Check the limits of a survey, in one function."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from rattle import MissingExtraError
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:
-    """Refuse a survey, or a population, that is larger than this service allows, or asks for proofs that it cannot
-    make. Costs nothing, whatever its size.
+    """Refuse a survey, or a population, that is larger than this service allows, or asks for impossible proofs.
+
+    Costs nothing, whatever its size.
 
     Raises
     ------

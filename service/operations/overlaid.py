@@ -1,4 +1,4 @@
-"""What is drawn over maps and takes long to find, for the explorer and for pictures: found once for all who ask."""
+"""Find the drawings over maps that take long, for the explorer and for pictures: once for all requests."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ class Asked:
 
 
 class Overlaid:
-    """Of one application."""
+    """Drawings over the maps of one application."""
 
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
     async def over(self, request: SurveyRequest, asked: Asked) -> Over:
-        """What is drawn over a map of a survey, or of a slice of one. Raises UnavailableError, ClusterLostError."""
+        """Return the drawings over a map of a survey, or of a slice. Raises UnavailableError, ClusterLostError."""
         lines = asked.look.lines or ()
         found: dict[str, Line] = {}
         band = None
@@ -89,7 +89,7 @@ def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Where its interval is known: dampings, its lower and its upper ends."""
+    """Return the dampings of a known interval, with its lower and its upper ends."""
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

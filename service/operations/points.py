@@ -57,7 +57,7 @@ def _points(curve: Curve) -> dict[str, Any]:
 
 
 def orbits_document(gear: AnyGear) -> dict[str, Any]:
-    """What the body of `GET /v1/orbits` says of a point, by its gear."""
+    """Return the body of `GET /v1/orbits` for a point, by its gear."""
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         limits = model_at(gear).limits(gear.delta)
         region, orbits = gear.region(), gear.orbits()

@@ -1,4 +1,4 @@
-"""What may be done to surveys, whoever asks: the routes and the explorer do it here."""
+"""Operations on surveys, which the routes and the explorer share."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
 
 
 class Description(Strict):
-    """What a survey is called, and notes about it; what is left out stays."""
+    """Name and notes of a survey; fields that are left out stay."""
 
     name: Name | None = None
     notes: Notes | None = None

@@ -24,10 +24,15 @@ async def in_turn(
     what: str,
     advice: str,
 ) -> Result:
-    """What `compute` returns for these arguments, all of which can be pickled.
+    """Return the result of `compute` for these arguments, all of which can be pickled.
 
     In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
     extreme parameters it takes minutes. Its time is counted from when the kernels that it `needs` are there.
+
+    Returns
+    -------
+    Result
+        The result.
 
     Raises
     ------

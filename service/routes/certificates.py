@@ -1,4 +1,4 @@
-"""What is proved of a survey that was submitted with `certify`: a document, and the store of certificates."""
+"""Certificates of a survey that was submitted with `certify`: a document, and their store."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Certificates(BaseModel):
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Of a survey that was submitted with `certify`. It grows once all tiles are computed."""
+    """Answer with the certificates of a survey that was submitted with `certify`. It grows once all tiles are computed."""
     job, out = _stored(front, survey_id)
     here = f"{path_of(survey_id)}/certificates"
     links = CertificateLinks(

@@ -1,4 +1,4 @@
-"""What the service answers: the documents of a survey, and what those of a population have in common with them."""
+"""Documents of a survey, and their fields that those of a population share."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Links(BaseModel):
 
 
 class Standing(BaseModel):
-    """Where a job stands."""
+    """Status of a job."""
 
     id: str
     name: str
@@ -49,6 +49,7 @@ class Survey(Standing):
 
     @classmethod
     def of(cls, job: JobRow) -> Survey:
+        """Return the document of a job."""
         return cls(**standing(job), notes=job.notes, links=_links(job))
 
 
@@ -60,6 +61,7 @@ class SurveyDetail(Survey):
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
+        """Return the document of a job with its failed cells."""
         asked = request_shown(job)
         return cls(**standing(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
 
@@ -83,7 +85,7 @@ def path_of(survey_id: str, kind: Kind = Kind.SURVEY) -> str:
 
 
 def request_shown(job: JobRow) -> dict[str, Any]:
-    """What was asked; nothing if the job database holds none that can be read."""
+    """Return the request; nothing if the job database holds none that can be read."""
     return job.request if job.is_readable else {}
 
 

@@ -1,4 +1,4 @@
-"""What happens to a survey, as server-sent events."""
+"""Events of a survey, as server-sent events."""
 
 from __future__ import annotations
 

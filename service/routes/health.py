@@ -1,4 +1,4 @@
-"""Whether the service can do its work."""
+"""Health: the service can do its work, or not."""
 
 from __future__ import annotations
 

@@ -96,8 +96,9 @@ async def limits(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Limits:
-    """Return the largest eccentricity, backlash or speed, or the least damping or drag, at which and on whose safe side
-    everywhere a gear runs quietly with this probability. In metres and rpm of a machine.
+    """Return the limit at which, and on whose safe side everywhere, a gear runs quietly with this probability.
+
+    It is the largest eccentricity, backlash or speed, or the least damping or drag. In metres and rpm of a machine.
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):

@@ -199,7 +199,7 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
 
 
 async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Over:
-    """What is found before anything is drawn. Raises SurveyError, or UnavailableError."""
+    """Return the drawings that are found before anything is drawn. Raises SurveyError, or UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
@@ -208,7 +208,7 @@ async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> 
 
 
 async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
-    """What is found, unless whoever asked for it has left."""
+    """Return the drawings, unless the client has left."""
     task = asyncio.ensure_future(finding)
     try:
         while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:

@@ -1,4 +1,4 @@
-"""What the service answers: the documents of a population."""
+"""Documents of a population."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ class PopulationDocument(Standing):
 
     @classmethod
     def of(cls, job: JobRow) -> PopulationDocument:
+        """Return the document of a job."""
         return cls(**standing(job), links=_links(job))
 
 
@@ -39,6 +40,7 @@ class PopulationDetail(PopulationDocument):
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
+        """Return the document of a job with its failed gears."""
         return cls(**standing(job), links=_links(job), request=request_shown(job), failures=failures)
 
 
@@ -51,7 +53,7 @@ class PopulationList(BaseModel):
 
 
 class EstimateDocument(BaseModel):
-    """What a population will cost once it runs."""
+    """Cost of a population once it runs."""
 
     seconds: float
     workers: int
@@ -67,6 +69,7 @@ class Interval(BaseModel):
 
     @classmethod
     def of(cls, found: Estimate) -> Interval:
+        """Return the document of an estimate."""
         return cls(**{name: number(value) for name, value in found._asdict().items()})
 
 
@@ -87,7 +90,7 @@ class WorstDocument(BaseModel):
 
 
 class Answers(BaseModel):
-    """What follows from a population, with 95 % intervals."""
+    """Answers of a population, with 95 % intervals."""
 
     gears: int
     count: int
@@ -103,7 +106,7 @@ class Answers(BaseModel):
 
 
 def answers_document(found: Population) -> Answers:
-    """What follows from a population, as the service answers it."""
+    """Return the answers of a population as a document."""
     intensity = {} if found.undecided == 1.0 else found.intensity()
     return Answers(
         gears=found.plan.gears,

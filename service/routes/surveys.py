@@ -114,6 +114,7 @@ def list_surveys(
     limit: Annotated[int, Query(ge=1, le=500, description="surveys per page")] = 50,
     cursor: Cursor = None,
 ) -> Response:
+    """List surveys, newest first."""
     page, count, following = page_of(front, Kind.SURVEY, limit, cursor)
     document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
     return json_answer(request, document)
@@ -126,6 +127,7 @@ def list_surveys(
     responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
+    """Show a survey."""
     job = front.database.job(survey_id, Kind.SURVEY)
     is_as_submitted = not job.notes and job.name == request_shown(job).get("name")  # names change at any time
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)

@@ -40,6 +40,7 @@ class AnyTagMiddleware:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] != "http" or Headers(scope=scope).get("if-none-match", "").strip() != "*":
             await self.app(scope, receive, send)
             return
@@ -114,6 +115,6 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Changes with the code that computes, and with the code here that writes it down."""
+    """Return the version of answers: it changes with the code that computes, and with the code here that writes them."""
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

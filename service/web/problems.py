@@ -201,14 +201,16 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 
 
 class ProblemMiddleware:
-    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents, and what nobody
-    expected into an answer 500, which is logged and counted like any other; the exception goes on to the server's log.
+    """Turn plain-text errors of libraries (413, 416) into problem documents, and unexpected exceptions into 500.
+
+    The latter is logged and counted like any other; the exception goes on to the server's log.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return

@@ -1,4 +1,4 @@
-"""Where families of attractors end in a survey, and which of its traced curves passes there."""
+"""Find the ends of families of attractors in a survey, and the traced curve that passes there."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -38,12 +38,18 @@ class Ends(NamedTuple):
 def ends_in(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
 ) -> Ends:
-    """Return the edges between the cells of a part of a grid with so many columns, whose axes rise, and the next ones
-    along δ and ε.
+    """Return the edges between the cells of a part of a grid and the next ones along δ and ε.
+
+    The grid has so many columns, and its axes rise.
 
     cell, component (rows,): the attractors of the part and of these next ones, component −1: undecided. A cell without
     a single attractor was not computed, and one with undecided samples may have what it does not list: pairs with these
     are left out.
+
+    Returns
+    -------
+    Ends
+        The edges.
     """
     width = part.right - part.left + 1
     row, column = np.divmod(cell, columns)

@@ -30,8 +30,9 @@ ORBITS = ("A", "B", "C", "D")
 
 @dataclass(frozen=True)
 class Known:
-    """A curve, the attractors that it may make or end, whether it bounds regions, the pairs that it crosses (n,), and
-    how many of these differ in such a way.
+    """Curve with the attractors that it may make or end, and the pairs that it crosses (n,).
+
+    Also whether it bounds regions, and how many of these pairs differ in such a way.
     """
 
     curve: Curve
@@ -53,7 +54,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What explains a survey: its pairs that differ, the curves by falling number of pairs they explain, and the rest.
+    """Explanation of a survey: its pairs that differ, the curves by falling number of pairs, and the rest.
 
     region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
     that changes there passes between. sampling (n,): the attractors that differ are in both cells, as their families
@@ -152,7 +153,7 @@ class _Search:
             yield replace(item, explains=int(np.sum(own | region)))
 
     def covers_region(self) -> np.ndarray:
-        """Which pairs (n,) differ in their region and have a curve for it."""
+        """Flags of the pairs (n,) that differ in their region and have a curve for it."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
@@ -186,7 +187,7 @@ class _Search:
         return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
 
     def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, Attractor]:
-        """The cell that has more attractors of a label, the other, and the one of the smallest share there."""
+        """Return the cell that has more attractors of a label, the other, and the one of the smallest share there."""
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
         here = 0 if len(having[0]) > len(having[1]) else 1
@@ -199,7 +200,7 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """The motions A–D of each cell that do not exist, or with other stability, in the other, and its (δ, ε)."""
+        """Yield the motions A–D of each cell that do not exist, or with other stability, in the other, and its (δ, ε)."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):
@@ -233,7 +234,7 @@ def _labels_at(event: Event) -> frozenset[Label]:
 
 
 def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
-    """The labels of which the two cells of a pair have different numbers, and not because samples missed a motion."""
+    """Return the labels of which two cells have different numbers, not because samples missed a motion."""
     if not pairs.attractors[n]:
         return []
     cells = pairs.first[n], pairs.second[n]
@@ -244,7 +245,7 @@ def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
 
 
 def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:
-    """The pairs without explanation, alike ones together, by falling number."""
+    """Return the pairs without explanation, alike ones together, by falling number."""
     groups: dict[tuple[str, str], list[int]] = {}
     pairs, grid = search.pairs, search.grid
     for n in map(int, np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors))):

@@ -1,4 +1,4 @@
-"""Which neighbouring cells of a survey differ, in what, and which of those pairs a curve passes between."""
+"""Find the neighbouring cells of a survey that differ, and the pairs that a curve passes between."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Pairs:
     attractors: np.ndarray
 
     def __len__(self) -> int:
-        """Number of pairs."""
+        """Return the number of pairs."""
         return len(self.first)
 
 
@@ -91,8 +91,14 @@ class Grid:
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
-        """Return the labels of motions that are in one of two cells only, as far as families tell, whether or not a sample
-        went to them; None without families.
+        """Return the labels of motions that are in one of two cells only, as far as families tell.
+
+        Whether or not a sample went to them.
+
+        Returns
+        -------
+        frozenset[Label] | None
+            The labels; None without families.
         """
         if self.families is None:
             return None
@@ -120,7 +126,7 @@ class Grid:
 
 
 class _Families:
-    """Which families cells have: those in their slots, those that entered them, and quiet motion below its limit."""
+    """Families of cells: those in their slots, those that entered them, and quiet motion below its limit."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset) -> None:
         self.slots = np.asarray(dataset["attractor_family"])
@@ -140,7 +146,7 @@ class _Families:
 
 
 def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:
-    """Which of the pairs (n,) a curve passes between: solved for on the lines of the grid, not read off its points."""
+    """Return flags of the pairs (n,) that a curve passes between: solved for on the lines of the grid."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
     for chosen, fixed in ((~beside, "delta"), (beside, "epsilon")):

@@ -82,7 +82,7 @@ class WarmKernels(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """The process ends: to look for garbage in all its modules took a third of a second."""
+        """End the process: to look for garbage in all its modules took a third of a second."""
         gc.freeze()
 
 
@@ -173,7 +173,9 @@ class _Processes:
 
 
 def _environment() -> dict[str, str]:
-    """What workers have: the variables of now; and nobody hears that killed processes have left semaphores."""
+    """Return the environment of workers: the present variables, without warnings of semaphores left by killed
+    processes.
+    """
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 

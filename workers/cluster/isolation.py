@@ -103,7 +103,7 @@ def serve() -> None:
 
 
 def _limit_next_cell() -> None:
-    """The system ends this process after a cell's processor time: nothing else interrupts a kernel."""
+    """Let the system end this process after a cell's processor time: nothing else interrupts a kernel."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     limit = int(time.process_time()) + CELL_SECONDS
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))

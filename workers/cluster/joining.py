@@ -28,7 +28,7 @@ class _Item:
 
 
 class Joining(InFlight[_Item, Any]):
-    """What is done for each part of a survey on a cluster: `each` is that of `complete`."""
+    """Tasks for each part of a survey on a cluster: `each` is that of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Take what is asked several times a second whether this shall stop."""

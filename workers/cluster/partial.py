@@ -34,7 +34,7 @@ class PartialTile:
 
     @property
     def is_whole(self) -> bool:
-        """Whether no cell is left."""
+        """True if no cell is left."""
         return bool(self.done.all())
 
 

@@ -51,8 +51,10 @@ class Submission(InFlight[Attempt, Found]):
         client: Client,
         partial: dict[int, PartialTile] | None = None,
     ) -> None:
-        """Take the task: of the request, the path, a tile, whether it is computed apart, what is computed of it,
-        seconds of a cell in the slowest part so far, and of this task.
+        """Take the task and its arguments.
+
+        The task takes the request, the path, a tile, whether it is computed apart, its partial values, seconds of a
+        cell in the slowest part so far, and of this task.
 
         partial: tiles of which a part is computed, by index; kept up to date.
         """
@@ -170,7 +172,7 @@ class Submission(InFlight[Attempt, Found]):
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
     def _idle(self) -> list[str]:
-        """The workers with nothing to do, those first that have no result which nobody got: they may be frozen."""
+        """Return the idle workers, those first that have no result which nobody got: they may be frozen."""
         try:
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
             held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])

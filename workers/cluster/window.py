@@ -37,7 +37,7 @@ class Part(NamedTuple):
 
 
 class PartValues(NamedTuple):
-    """What became of a part: values (n_epsilon, n_delta), cells that failed, and seconds."""
+    """Result of a part: values (n_epsilon, n_delta), cells that failed, and seconds."""
 
     values: np.ndarray
     failed: int

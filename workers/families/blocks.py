@@ -84,8 +84,14 @@ def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attracto
 
 
 def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
-    """Return the attractors that a survey lists in a rectangle of a slice, in their order, with their cells in the
-    grid.
+    """Return the attractors that a survey lists in a rectangle of a slice, with their cells in the grid.
+
+    In their order.
+
+    Returns
+    -------
+    Slots
+        The attractors.
     """
     at: tuple[int | slice | EllipsisType, ...] = (
         *along,
@@ -100,7 +106,7 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Of the attractors of a block, with what entered it, in their order: which component of the block each is of."""
+    """Return the component of the block for each of its attractors, with those that entered it, in their order."""
     with reading(f"what is kept of {place}"):
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
@@ -116,8 +122,14 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """Return the slots (places, m, n) in which the first, the second, … listed attractor of the cells of a rectangle is to
-    be, −1: there is none; blocks: those that cover it.
+    """Return the slots (places, m, n) for the first, the second, … listed attractor of the cells of a rectangle.
+
+    blocks: those that cover it.
+
+    Returns
+    -------
+    np.ndarray
+        Slots; −1: there is none.
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
@@ -130,7 +142,7 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
 
 
 def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
-    """Where a part of a rectangle is in an array (slots, m, n) over it."""
+    """Return the position of a part of a rectangle in an array (slots, m, n) over it."""
     return (
         slice(None),
         slice(part.top - whole.top, part.bottom - whole.top),

@@ -97,13 +97,13 @@ class _Join:
         return self._each(task, self._request, str(self._place), items)
 
     def _near(self, block: Block) -> list[int]:
-        """A block and those around it."""
+        """Return a block and those around it."""
         steps = product((-1, 0, 1), repeat=2)
         found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
         return [i for i in found if i is not None]
 
     def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Of tables of the blocks, the rows in the cells around one of them; before = 0: in those after it."""
+        """Return the rows of the tables of blocks in the cells around one of them; before = 0: in those after it."""
         frame = with_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._near(block)]
         rim = [
@@ -112,7 +112,7 @@ class _Join:
         return type(near[0]).concat([table.take(at) for table, at in zip(near, rim, strict=True)])
 
     def _around(self, tile: Tile) -> list[Block]:
-        """The blocks that cover a tile."""
+        """Return the blocks that cover a tile."""
         side = self.blocks[0].side
         rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
@@ -121,7 +121,10 @@ class _Join:
         return [self._beside(block, tables, before=0) for block in self.blocks]
 
     def _entered(self) -> list[Attractors]:
-        """What enters each block, in rounds: what is new in one is continued into those beside it, until nothing is."""
+        """Return the attractors that enter each block, in rounds until no block gets a new one.
+
+        A new attractor of one block is continued into its neighbours.
+        """
         nothing = no_attractors()
         new: list[Attractors] = self._of_blocks(enter, [(nothing, None)] * len(self.blocks))
         entered = list(new)
@@ -136,7 +139,7 @@ class _Join:
                 new[i], entered[i] = found, together(entered[i], found)
 
     def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
-        """The components of the survey: of each of a block's, and of −1."""
+        """Return the components of the survey: of each of a block's, and of −1."""
         from scipy.sparse import coo_array  # an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
@@ -169,7 +172,7 @@ class _Join:
         return self._of_blocks(tell, zip(entered, component, self._after(first), passed, strict=True))
 
     def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
-        """The slot of each family in all its cells, and of −1."""
+        """Return the slot of each family in all its cells, and of −1."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
@@ -200,13 +203,13 @@ class _Join:
 
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
-    """The borders of all blocks, whose components begin with these numbers."""
+    """Return the borders of all blocks, whose components begin with these numbers."""
     found = Border.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
 def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """The curves of a slice, as they were traced for its template."""
+    """Return the curves of a slice, as they were traced for its template."""
     found: dict[str, Polyline] = {}
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:

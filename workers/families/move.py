@@ -1,4 +1,4 @@
-"""What is in the slots of a tile, moved to the slots of its families."""
+"""Move the attractors of a tile to the slots of its families."""
 
 from __future__ import annotations
 

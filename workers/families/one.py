@@ -93,7 +93,7 @@ def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, n
     at = entered["entered_row"].values, entered["entered_column"].values
 
     def best(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Of the attractor with the largest share, or else of the entered orbit."""
+        """Return the value of the attractor with the largest share, or else of the entered orbit."""
         values = np.asarray(survey[f"attractor_{name}"], float)
         index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
         found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)

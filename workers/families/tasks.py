@@ -1,4 +1,4 @@
-"""What is done with one block of a survey, or one tile, while its attractors are joined.
+"""Process one block of a survey, or one tile, while its attractors are joined.
 
 Each task is a function of what the tiles hold and of its arguments, and may be done twice.
 """
@@ -68,7 +68,7 @@ class Connected(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What a block tells of components of the survey: their sums, where they end, and which are listed in one cell."""
+    """Summary of a block's components: their sums, their ends, and those listed in one cell."""
 
     sums: Sums
     ends: Ends
@@ -78,9 +78,14 @@ class Told(NamedTuple):
 def enter(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
-    """What enters a block from its own attractors and those around it.
+    """Return the attractors that enter a block, from its own and those around it.
 
     Or, after it has entered, from orbits beside it that are new.
+
+    Returns
+    -------
+    Attractors
+        The entered attractors.
     """
     columns = request.shape[1]
     cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
@@ -186,7 +191,7 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
 
 
 def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """The attractors of a block in their order, their components in it, and whether its tiles list them.
+    """Return the attractors of a block in their order, their components in it, and whether its tiles list them.
 
     Found: those that they list.
     """
@@ -197,7 +202,7 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Which components are in one cell (k, 2), the smaller one first; rows in their order."""
+    """Return the components that are in one cell (k, 2), the smaller one first; rows in their order."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

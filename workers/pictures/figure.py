@@ -62,8 +62,14 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
 
 
 def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each of these codes that occurs (m, n) the row and column where it is widest, and how many cells it is
-    from there to another one.
+    """Return for each of these codes that occurs (m, n) the row and column where it is widest.
+
+    And how many cells it is from there to another one.
+
+    Returns
+    -------
+    dict[int, tuple[int, int, float]]
+        Row, column and distance by code.
     """
     from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
 

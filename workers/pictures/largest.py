@@ -87,7 +87,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """What the first families are called: by number and label, of the impacting gear with the letter of C and D."""
+    """Return the names of the first families: by number and label, of the impacting gear with the letter of C and D."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -128,7 +128,7 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
 
 
 class _OfFamilies(BackendArray):
-    """What is computed of the slots of a survey when it is read; index: along the first dimension."""
+    """Values computed of the slots of a survey when it is read; index: along the first dimension."""
 
     def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
         self._family, self._fraction = survey[FAMILY], survey["attractor_fraction"]
@@ -149,7 +149,7 @@ class _OfFamilies(BackendArray):
         return found.reshape([size for each in asked for size in np.shape(each)])
 
     def _of(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Of rows and columns, some of each."""
+        """Return the values of some rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
         cells = np.ix_(rows - rows.min(), columns - columns.min())

@@ -1,4 +1,4 @@
-"""What a picture shows of a survey that has more cells than the picture has room for.
+"""Reduce a survey that has more cells than a picture has room for.
 
 Of cells that become one, what is rare among them. So no island is lost, however small it becomes.
 """
@@ -31,7 +31,7 @@ OpenGroup = Callable[[str], xr.Dataset | None]
 
 @dataclass(frozen=True)
 class Seen:
-    """What is shown of cells (epsilon, delta): float32, and the status of each.
+    """Displayed cells (epsilon, delta): float32, and the status of each.
 
     Shares are those of the survey's own cells, not of what is shown: of codes, and of cells that have no number.
     """
@@ -51,8 +51,14 @@ class Part:
 
 
 def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Part:
-    """Return the finest of these levels in which a window, from its first cells to its end, has no more cells than there
-    is room for; the coarsest if it has more in all. None stands for the map itself.
+    """Return the finest of these levels in which a window has no more cells than there is room for.
+
+    From its first cells to its end; the coarsest if it has more in all.
+
+    Returns
+    -------
+    Part
+        The part; None stands for the map itself.
     """
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
@@ -64,7 +70,7 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Par
 
 
 def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> Seen:
-    """What is seen of cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
+    """Return the displayed cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -78,9 +84,14 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
 
 
 def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
-    """As `reduce.codes` makes the last of all its levels, whose cells have so many rows.
+    """Return the last of all levels that `reduce.codes` makes, whose cells have so many rows.
 
     A band after the other, for it takes hundreds of bytes a cell.
+
+    Returns
+    -------
+    reduce.Codes
+        The codes.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
@@ -92,7 +103,7 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
 
 
 def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]) -> Seen:
-    """What is seen of a part of a level, as it is stored; plane: the same map of the survey."""
+    """Return the displayed cells of a part of a level, as it is stored; plane: the same map of the survey."""
     name = str(plane.name)
 
     def read(name: str) -> np.ndarray:
@@ -161,7 +172,7 @@ def _number_of_codes(plane: xr.DataArray) -> int:
 
 
 def _status(states: reduce.Codes) -> np.ndarray:
-    """That a cell failed is told if one did."""
+    """Return the status of the cells: failed if one did."""
     failed = (states.occurs >> FAILED & 1).astype(bool)
     found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
     return found
@@ -175,8 +186,15 @@ def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
 
 
 def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> Seen:
-    """Of the codes of a cell but one that most of its cells have, that is shown which is in the fewest of the cells
-    about it, or else of this picture; rows, columns: how many cells of the survey these have.
+    """Return codes, each the most frequent one or a rarer one.
+
+    Of the codes of a cell but the most frequent one, the one is displayed that is in the fewest of the cells about it,
+    or else of this picture; rows, columns: how many cells of the survey these have.
+
+    Returns
+    -------
+    Seen
+        The displayed cells.
     """
     values = found.most.astype(np.int64)
     others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
@@ -215,7 +233,7 @@ def _shares(
 
 
 def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> Seen:
-    """A number is the mean, or an extreme that is rare; none where to have none is rare."""
+    """Return numbers: the mean, or an extreme that is rare; none where having none is rare."""
     mean, least, largest, share = statistics.astype(float)
     with np.errstate(invalid="ignore"):
         above, below = largest - mean, mean - least

@@ -37,7 +37,7 @@ def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr
 
 
 def _chunks(variables: tuple[Variable, ...]) -> dict[str, str]:
-    """The key of each variable's chunks, with {column}."""
+    """Return the key of each variable's chunks, with {column}."""
     return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
 
 

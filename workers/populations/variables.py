@@ -1,4 +1,4 @@
-"""What a population's store holds of each gear."""
+"""Variables of each gear in a population's store."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Variable:
 
     @property
     def fill(self) -> float | int:
-        """What an entry holds before it is computed."""
+        """Value of an entry before it is computed."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
     @property

@@ -56,6 +56,7 @@ class Bucket:
         self.objects = _connect(self.url)
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return self.url
 
     def zarr(self) -> ObjectStore:

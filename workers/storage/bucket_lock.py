@@ -1,4 +1,4 @@
-"""Who holds the lock of a store in a bucket, and whether they have died."""
+"""Hold the lock of a store in a bucket, and find out whether its holder has died."""
 
 import os
 import socket

@@ -20,6 +20,7 @@ class Both(BackendArray):
         self.shape, self.dtype = real.shape, np.dtype(np.complex128)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        """Return the indexed part."""
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:

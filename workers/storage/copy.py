@@ -22,7 +22,7 @@ BATCH = 256  # files that are in memory at most
 
 
 class Copied(NamedTuple):
-    """What a copy has: all its files, their bytes, and how many of them were there already."""
+    """Result of a copy: all its files, their bytes, and how many of them were there already."""
 
     files: int
     size: int
@@ -47,6 +47,7 @@ class ZipStore:
             raise SurveyError(f"{path} cannot be opened ({error}): give a zip file that `rattle copy` wrote") from error
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return str(self.path)
 
     def read(self, key: str) -> bytes:
@@ -234,7 +235,7 @@ def _number(manifest: Manifest) -> int:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[Path]:
-    """A path beside another, whose place it takes once it is whole."""
+    """Yield a path beside another, whose place it takes once it is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -120,7 +120,7 @@ def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """What stands along one axis, in every cell of a band: the speeds and eccentricities of a machine's survey."""
+    """Return the values along one axis, in every cell of a band: the speeds and eccentricities of a machine's survey."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])

@@ -1,4 +1,4 @@
-"""Whether a store still holds what was written to it: every file is where it was put, and as it was put there.
+"""Check that a store still holds the written bytes: every file in its place and unchanged.
 
 The manifest has the digest of every file by its key, because a chunk's own checksum knows no position.
 """
@@ -27,7 +27,7 @@ READERS = 8  # of files at a time: a bucket answers each after a while
 
 @dataclass(frozen=True)
 class Integrity:
-    """What a look at every file of a store found.
+    """Findings of a check of every file of a store.
 
     Without a manifest that this version can read, the store's chunks are decoded, each of which ends in a checksum of
     its own, and it has no tiles here.
@@ -43,12 +43,12 @@ class Integrity:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is damaged; tiles of a survey that is not completed may still be missing."""
+        """True if nothing is damaged; tiles of a survey that is not completed may still be missing."""
         return not self.damaged and not self.template
 
     @property
     def decoded(self) -> bool:
-        """Whether the store has no manifest that this version can read."""
+        """True if the store has no manifest that this version can read."""
         return not self.tiles
 
 
@@ -85,8 +85,14 @@ def examine(where: str | Path | Place) -> Integrity:
 
 
 def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
-    """Return how many chunks were decoded, and which files are lost or cannot be decoded, of a store without a manifest
-    that this version can read.
+    """Return how many chunks were decoded, and which files are lost or cannot be decoded.
+
+    Of a store without a manifest that this version can read.
+
+    Returns
+    -------
+    tuple[int, tuple[str, ...]]
+        The number, and the names of files.
 
     Raises
     ------

@@ -1,4 +1,6 @@
-"""Where a store is: a directory, or a prefix of a bucket. What the two do differently is here and nowhere else.
+"""Locate a store: a directory, or a prefix of a bucket.
+
+The differences of the two are here and nowhere else.
 
 Both promise: a store appears whole or not at all, a key is replaced at once or not at all, and one run writes to it.
 """
@@ -30,6 +32,7 @@ class Directory:
             raise SurveyError(f"{path} is nowhere ({error}): {where}") from error
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return str(self.path)
 
     def zarr(self) -> Path:

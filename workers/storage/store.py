@@ -334,7 +334,7 @@ def _is_added(key: str) -> bool:
 
 
 def _refined(place: Place) -> dict[str, int | float]:
-    """What the root says of a refined survey: its cells that were filled, and what their audit found."""
+    """Return the root's counts of a refined survey: filled cells, and the findings of their audit."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)

@@ -65,7 +65,7 @@ def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Strict(BaseModel):
-    """What cannot be changed, and takes no other fields."""
+    """Record that cannot be changed, and takes no other fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -49,7 +49,7 @@ class Variable:
 
     @property
     def parts(self) -> tuple["Variable", ...]:
-        """What is stored of it, as of a `Quantity`."""
+        """Stored parts, as of a `Quantity`."""
         if self.dtype is not complex:
             return (self,)
 
@@ -181,7 +181,10 @@ def traced(name: str, model: Model, window: Window) -> Curve | Missing:
 
 @lru_cache(maxsize=8)
 def crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
-    """Where each curve of a model, as it is traced for the template, passes between the cells of a grid."""
+    """Return the passages of each curve of a model between the cells of a grid.
+
+    As it is traced for the template.
+    """
     grid = delta.values(), epsilon.values()
     found = (traced(name, model, window_around(*grid)) for name in model.curve_names)
     return tuple(crossings_of(_points(curve), *grid) for curve in found)
@@ -194,7 +197,10 @@ def _points(curve: Curve | Missing) -> Polyline:
 
 
 def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
-    """What a curve is, and why its group is empty if it is; the reference is the model's, which lacks some curves."""
+    """Return the attributes of a curve, and why its group is empty if it is.
+
+    The reference is the model's, which lacks some curves.
+    """
     attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
     if isinstance(curve, Missing):
         attributes["comment"] = curve.reason

@@ -151,10 +151,16 @@ def with_empty(source: np.ndarray) -> np.ndarray:
 
 
 def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
-    """Return the slot that each family has in all its cells (families,), −1 where there is none, from which of them are
-    together in a cell: pairs (k, 2), the smaller number first.
+    """Return the slot that each family has in all its cells (families,), −1 where there is none.
+
+    From the pairs (k, 2) of families that are together in a cell, the smaller number first.
 
     One family after the other, by their numbers, gets the lowest slot that is free in all its cells.
+
+    Returns
+    -------
+    np.ndarray
+        The slots.
     """
     order = np.argsort(together[:, 1], kind="stable")
     begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
@@ -190,7 +196,7 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
 
 
 def _lowest_free(used: int) -> int:
-    """The number of the lowest bit that is 0."""
+    """Return the number of the lowest bit that is 0."""
     return (~used & (used + 1)).bit_length() - 1
 
 

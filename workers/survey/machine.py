@@ -61,7 +61,7 @@ def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, flo
 
 
 def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
-    """What is given of a survey, with the axes and β of its machine among it. Raises ValueError."""
+    """Return the fields of a survey, with the axes and β of its machine among them. Raises ValueError."""
     machine = dict(given["machine"])
     spans = {name: machine.pop(name) for name in AXES if name in machine}
     numbers = _read(SurveyedMachine, "machine", machine)
@@ -76,7 +76,7 @@ def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read(kind: type[Part], where: str, value: Any) -> Part:
-    """A part of a request. Raises ValueError, which names what is wrong."""
+    """Return a part of a request. Raises ValueError, which names the wrong value."""
     try:
         return kind.model_validate(value)
     except ValidationError as error:

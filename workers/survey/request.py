@@ -1,4 +1,4 @@
-"""What a survey is asked to compute, validated before anything is computed or stored."""
+"""Request for a survey, validated before anything is computed or stored."""
 
 import json
 import math
@@ -160,7 +160,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_machine(cls, given: Any) -> Any:
-        """A machine's β, and its speeds and eccentricities as axes of the model."""
+        """Replace a machine by its β, and its speeds and eccentricities as axes of the model."""
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
             return in_the_model(given)
         return given
@@ -196,7 +196,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_model(cls, given: Any) -> Any:
-        """The default quantities of a model lack what it does not have."""
+        """Leave out of the default quantities those that a model does not have."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
             known = groups_of(given["model"])
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
@@ -288,7 +288,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def is_bounded(self) -> bool:
-        """Whether a bound of the wrong share of filled cells was asked for."""
+        """True if a bound of the wrong share of filled cells was requested."""
         return self.refine is not None and self.refine.bound is not None
 
     @property
@@ -300,7 +300,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def in_closed_form(self) -> bool:
-        """Whether regions and orbits cost nothing."""
+        """True if regions and orbits cost nothing."""
         return Capability.CLOSED_FORM in MODELS[self.model].has
 
     @property
@@ -310,7 +310,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """What its model has beside δ, ε and β, by name; of an axis its end."""
+        """Parameters that its model has beside δ, ε and β, by name; of an axis its end."""
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.others.items()
@@ -378,7 +378,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def slots_follow_families(self) -> bool:
-        """Whether an attractor's slot is that of its family, once these are joined."""
+        """True if an attractor's slot is that of its family, once these are joined."""
         return (self.slots_by or BY_FAMILY) == BY_FAMILY and Group.FAMILIES in self.quantities
 
     @property

@@ -104,6 +104,7 @@ def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str,
 
 
 def contents(kept: Mapping[str, Buffer]) -> Template:
+    """Return the bytes of the kept buffers."""
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
@@ -188,7 +189,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
 
 
 def about(request: SurveyRequest, dim: str) -> str:
-    """What a dimension is."""
+    """Return the long name of a dimension."""
     if dim == SLOT and request.slots_follow_families:
         return "slot of the attractor: that of its family, as far as there are slots"
     return COORDINATES[dim].long_name
@@ -259,6 +260,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
+    """Write the arrays of variables and their attributes to a group."""
     for variable in (part for each in variables for part in each.parts):
         write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
 

@@ -59,7 +59,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class TileRecord:
-    """What became of a tile. Failed cells are counted from the corner of the grid, rows of all slices on end."""
+    """Result of a tile. Failed cells are counted from the corner of the grid, rows of all slices on end."""
 
     index: int
     cells: int
@@ -147,7 +147,7 @@ def compute_tile(
 
 
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
-    """The cells of a tile, of which only some are computed."""
+    """Return the cells of a tile, of which only some are computed."""
     whole = cells_of(request.at(tile.along))
     # those that are not known in closed form take minutes
     curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()

@@ -1,4 +1,4 @@
-"""Which code fills a survey: a resumed survey must not mix two versions."""
+"""Identify the code that fills a survey: a resumed survey must not mix two versions."""
 
 from functools import cache
 from hashlib import sha256

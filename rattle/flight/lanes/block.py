@@ -163,8 +163,14 @@ def stretched(b, i):
 
 @inline
 def overflows(b, i):
-    """Return whether the tangent vector of lane i or its determinant must be taken off before they leave double
-    precision.
+    """Return whether the tangent vector of lane i or its determinant must be reset.
+
+    They would leave double precision.
+
+    Returns
+    -------
+    result
+        The answer.
     """
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
@@ -205,7 +211,10 @@ def made_ready(b, groups, none_waits):
 
 @inline
 def roughest(b, groups):
-    """What the lanes need: ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH."""
+    """Return the roughest stage that the lanes need.
+
+    ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH.
+    """
     found = SMOOTH
     for i in range(GROUP * groups):
         found = max(found, ARCS if b.no_arc[i] == ZERO else ROUGH if b.rough[i] > ZERO else SMOOTH)

@@ -123,8 +123,7 @@ def locate(b, n):
 
 @inline
 def prove_scanned(b, n):
-    """Return whether the impacts that were located are certain to be the first, where the contact force keeps its sign.
-    """
+    """Return whether the located impacts are certain to be the first, where the contact force keeps its sign."""
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], flight_scanned(b, k))

@@ -153,7 +153,7 @@ def keep_or_take(go, new, old):
 
 
 def _land(tangent):
-    """The stage that moves the lanes to the impact; a constant of the closure, the branch leaves the loop."""
+    """Build the stage that moves the lanes to the impact; a constant of the closure, so the branch leaves the loop."""
 
     @inline
     def land(b, groups):

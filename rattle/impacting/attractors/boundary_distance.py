@@ -121,7 +121,7 @@ class _Cells:
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
-        """The lowest of these states and of those kept, apart in phase: v inf where a state does not count."""
+        """Keep the lowest of these states and of those kept, apart in phase; v is inf where a state does not count."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -143,8 +143,9 @@ class _Cells:
         return np.repeat(cell, each), fold(tau + x), v + y
 
     def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of those of some states (n, k) that go away, of states near these, and of the edges
-        of new balls of capture.
+        """Keep the lowest preimages of states (n, k) that leave, of states near these, and of edges of new regions.
+
+        The regions are capture regions.
         """
         number = away.sum(axis=1)[:, None]
         every = -(-number * (1 + COPIES) // STATES)  # of those near, only so many that there is room for
@@ -248,9 +249,14 @@ def boundary_distances(
 
 @kernel
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
-    """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v).
+    """Return the slowest of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states.
 
     Each is followed no further than its first preimage above `ceiling`; these and the parameters are arrays too.
+
+    Returns
+    -------
+    result
+        Arrays τ and v of the preimages.
     """
     out_tau, out_v = tau.copy(), v.copy()
     for i in range(tau.size):

@@ -1,4 +1,4 @@
-"""Which attractors the samples of cells of the impacting gear go to: its impact map, flown in lanes."""
+"""Classify the samples of cells of the impacting gear: its impact map, flown in lanes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ImpactingClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """As the classifier of any gear; paths (2,) counts how flights were found."""
+        """Prepare the classifier of any gear; paths (2,) counts how flights were found."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         with np.errstate(over="ignore"):  # of a subnormal δ
@@ -64,11 +64,11 @@ class ImpactingClassifier(Classifier):
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion."""
+        """Flags of the cells (n_cells,) that have a quiet motion."""
         return np.asarray(self.cells.quiet_invariant > 0)
 
     def enter_known_orbits(self) -> None:
-        """The stable ones of period one are known beforehand."""
+        """Enter the stable orbits of period one, which are known beforehand."""
         delta, epsilon, beta, _capture = self.cells
         found = stable_cells(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
@@ -90,7 +90,7 @@ class ImpactingClassifier(Classifier):
         settle(self._block, which, flights, self.cells, *tables, self.paths)
 
     def alike(self, which: NDArray[np.int64], samples: Trajectories) -> NDArray[np.int64]:
-        """These samples in an order in which neighbours need the same stages of a flight: lanes share them."""
+        """Return these samples in an order in which neighbours need the same stages of a flight: lanes share them."""
         return which[np.argsort(-self._roughness[samples.cell[which]], kind="stable")]
 
     def watch(

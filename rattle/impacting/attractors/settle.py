@@ -53,7 +53,7 @@ def is_quiet(b, i, largest_invariant):
 
 @inline
 def fate(b, i, cell, cells, balls):
-    """What has become of lane i, on Σ⁺: (status, orbit)."""
+    """Return the outcome of lane i, on Σ⁺: (status, orbit)."""
     if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
@@ -94,7 +94,7 @@ def recurs(b, i, k, samples):
 
 @inline
 def look(b, i, k, cells, samples, balls):
-    """What has become of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
+    """Return the outcome of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate(b, i, samples.cell[k], cells, balls)
@@ -150,7 +150,7 @@ def record(b, i, batches):
 
 
 class Watch(NamedTuple):
-    """What witnesses are watched for: impacts and forcing periods (k,) at least; batch sums and footprints of each."""
+    """Observation of probes: impacts and forcing periods (k,) at least; batch sums and bitmaps of each."""
 
     least: Any
     periods: Any
@@ -160,7 +160,7 @@ class Watch(NamedTuple):
 
 @inline
 def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
-    """As `looked_round`, of lanes with a tangent vector."""
+    """Do `looked_round` for lanes with a tangent vector."""
     for i in range(GROUP * groups):
         j = b.who[i]
         if j >= 0:
@@ -193,7 +193,7 @@ def leave_footprints(b, groups, footprints):
 
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """As `settle`, with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
+    """Settle probes with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.

@@ -157,20 +157,24 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
 
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
-    """Return the branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`.
-    """
+    """Return the branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`."""
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
-    """What becomes of a motion on the straight way to other parameters.
+    """Follow a motion on the straight way to other parameters.
 
     Itself there, or the first event at which it ceases to happen or its stability changes; None if neither can be
     found.
 
     Where Newton's method finds the motion there at once, close by and as stable, and from it this one here, nothing is
     looked for on the way.
+
+    Returns
+    -------
+    PeriodicOrbit | Event | None
+        The motion there, the event that ends it, or None if neither can be found.
 
     Raises
     ------
@@ -197,7 +201,9 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Return whether Newton's method leads from one motion to the other: next to a fold it may find a neighbour of it.
+    """Return whether Newton's method leads from one motion to the other.
+
+    Next to a fold it may find a neighbour of it.
     """
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
@@ -218,7 +224,7 @@ def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
 
 
 def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
-    """The branch through y = (times, p), in the direction of rising p there."""
+    """Return the branch through y = (times, p), in the direction of rising p there."""
     followed = _follower(itinerary, line).both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:

@@ -47,7 +47,7 @@ def _around(
 
 
 def _loss_of_stability(here: Branch) -> Event | None:
-    """The first event, from where the branch was begun on, at which it stops being stable."""
+    """Return the first event, from the start of the branch on, at which it stops being stable."""
     stable = [*here.stable[here.start :], False]
     if True not in stable:
         return None

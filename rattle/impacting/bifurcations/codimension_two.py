@@ -62,8 +62,9 @@ def _no_square_root(delta: float, beta: float) -> float:
 
 @dataclass(frozen=True)
 class Condition:
-    """A codimension-two point: what vanishes there along the grazing curve, and the curves that meet, with the side on
-    which each exists (−1: smaller δ).
+    """Codimension-two point: the condition along the grazing curve, and the curves that meet there.
+
+    Each with the side on which it exists (−1: smaller δ).
     """
 
     meaning: str
@@ -146,9 +147,16 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
 
 
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
-    """The measured order at which each pair of curves touches; a curve that ends there is continued virtually.
+    """Return the measured order at which each pair of curves touches.
+
+    A curve that ends there is continued virtually.
 
     Farther away than a share of δ of the point's own damping, curves that touch are as straight as those that cross.
+
+    Returns
+    -------
+    dict[tuple[str, str], float]
+        Order of each pair of names.
     """
     distances = np.geomspace(1e-5, 1e-2, 13) * delta * plane_scale(delta)
     orders = {}
@@ -192,12 +200,18 @@ def _solved(problem: Problem, guess: Array, delta: float) -> Array:
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
-    """Damping interval in which the larger multiplier of the grazing C is real and in (2/3, 1), the paper's condition
-    for robust chaos at G1.
+    """Return the damping interval of the paper's condition for robust chaos at G1.
+
+    The larger multiplier of the grazing C is real and in (2/3, 1) there.
 
     From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the
     larger reaches 2/3. Below COD23 the chaos is not born at G1 but there already (docs/paper.md). Raises
     ParameterError, and RattleError if this backlash has no such point. Source: paper, section 5.2.
+
+    Returns
+    -------
+    tuple[float, float]
+        The lowest and the highest δ.
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_on_grazing(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))

@@ -86,7 +86,7 @@ def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
 
 
 def _dampings(window: Window, beta: float) -> Array:
-    """Where a curve is looked for: over the window, at its edges, and beside the points where curves end."""
+    """Return the dampings at which a curve is searched: over the window, at its edges, and near the ends of curves."""
     low, high = window.delta
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
@@ -102,12 +102,18 @@ def bifurcation_curve(
     epsilon: tuple[float, float] = ALL_EPSILON,
     resolution: int = POINTS_ACROSS,
 ) -> Curve:
-    """Return the saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic
-    motion, inside a window of the (δ, ε) plane.
+    """Return the saddle-node, flip or grazing curve through an event on a branch, inside a window of the plane.
+
+    The branch (`rattle.branch`) may be of any periodic motion.
 
     The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
     `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
     the wall.
+
+    Returns
+    -------
+    Curve
+        The curve.
 
     Raises
     ------
@@ -162,7 +168,10 @@ def _named(name: str, x: Array, reason: str, beta: float) -> str:
 
 
 def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
-    """Where the contact force on Σ⁺ just reaches 0: x = (phase, δ, ε), force and its derivative vanish."""
+    """Return the curve on which the contact force on Σ⁺ just reaches 0.
+
+    x = (phase, δ, ε); the force and its derivative vanish.
+    """
 
     def equations(x: Array) -> Array:
         return Forcing(x[..., 2]).touch(x[..., 0], x[..., 1])

@@ -1,4 +1,4 @@
-"""What diagrams ask of the impacting gear, and its diagram."""
+"""Answer diagrams for the impacting gear, and draw up its diagram."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes, solved for."""
+"""Find the events on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solu
 
 
 class Candidate(NamedTuple):
-    """Where on a branch an event seems to be: at y = (times, p), with a guess of its unknowns (n + 2,)."""
+    """Candidate of an event on a branch: at y = (times, p), with a guess of its unknowns (n + 2,)."""
 
     y: Array
     kind: Kind
@@ -81,8 +81,14 @@ class Event:
 def find_events(
     itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
 ) -> Iterator[Event]:
-    """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in
-    order.
+    """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch, in order.
+
+    The tangents are unit vectors.
+
+    Yields
+    ------
+    Event
+        An event.
     """
     tests = _tests(itinerary, line, problem)
     values = _values(itinerary, line, points, tangents)
@@ -134,7 +140,7 @@ def between_twins(
 
 
 def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """The test functions, in the order of `_tests`, at solutions."""
+    """Return the test functions, in the order of `_tests`, at solutions."""
     departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
     flips = [_flip(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
@@ -155,7 +161,7 @@ def _tests(itinerary: Itinerary, line: ParameterLine, problem: Problem) -> list[
 
 
 def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
-    """det J(−1), rows of length 1."""
+    """Return det J(−1), rows of length 1."""
     matrix = itinerary.jacobian(line.plane(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
@@ -163,7 +169,7 @@ def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
 def _touches(
     itinerary: Itinerary, line: ParameterLine, problem: Problem, inside: Array, outside: Array
 ) -> list[Candidate]:
-    """Where a flight of the branch first touches a wall on its way: a graze of the itinerary with that impact more."""
+    """Return candidates where a flight first touches a wall: a graze of the itinerary with that impact more."""
     edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))
     failure = first_failure(itinerary, line.plane(beyond))
     if failure is None or failure[1] == 0:
@@ -174,7 +180,7 @@ def _touches(
 
 
 def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
-    """The event near a candidate, on the line, or None where there is none.
+    """Return the event near a candidate, on the line, or None where there is none.
 
     Where a branch turns back as a motion twice over, it leaves that motion of half the period at its flip.
     """
@@ -197,8 +203,7 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """Return the flip of the motion of half the period at which a branch that has come near it, at y, begins; or None.
-    """
+    """Return the flip of the motion of half the period at which a branch near it, at y, begins; or None."""
     return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
 
 

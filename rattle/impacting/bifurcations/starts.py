@@ -1,4 +1,4 @@
-"""Where curves start: their solutions at one damping, from the closed forms of the period-one motions."""
+"""Start curves: their solutions at one damping, from the closed forms of the period-one motions."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -85,8 +85,7 @@ def flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether a multiplier at a flip of the family leaves the unit circle there as σ grows (on D, as ε grows).
-    """
+    """Return whether a multiplier at a flip leaves the unit circle there as σ grows (on D, as ε grows)."""
     at = two_impacts(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 

@@ -1,4 +1,4 @@
-"""Where one piece of W^u(A) touches W^s(A): one scalar equation for ε, solved from a guess.
+"""Solve for the contact of one piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
 
 Let h(s, ε) be the signed distance of F^n(W(s)) from the local series of W^s(A), n its return to A: positive on the side
 of the attractor. The piece touches where the least of h along it vanishes, in a corner or in a smooth bend.
@@ -70,8 +70,14 @@ class Frame:
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
     def heights(self, states: Array) -> tuple[Array, Array]:
-        """Signed distance of states (2, n) from W^s(A), along the unstable eigenvector, and the place t on W^s(A)
-        (|t| at A's arclength) beside them; infinite where the series does not reach.
+        """Return the signed distance of states (2, n) from W^s(A), and the place t on W^s(A) beside them.
+
+        Along the unstable eigenvector; |t| at A's arclength; infinite where the series does not reach.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Distances and places, each (n,).
         """
         along, across = self.rows[1] @ (states - self.at), self.rows[0] @ (states - self.at)
         series = (self.stable.powers - self.stable.powers[0] * (np.arange(self.stable.powers.shape[0]) == 0)[:, None]).T
@@ -160,7 +166,7 @@ def solve_delta(
 
 
 def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """A root of m near x, from an interval of this half-width that moves and grows, by `most` of x at once."""
+    """Return a root of m near x, from an interval of this half-width that moves and grows, by `most` of x at once."""
     from scipy.optimize import brentq  # a quarter of a second to load
 
     low, high = x - half, x + half
@@ -191,15 +197,22 @@ def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, fl
 
 
 def reach(crisis: Crisis) -> float:
-    """Where on the series of W^s(A) the contact lies, relative to its end."""
+    """Return the place of the contact on the series of W^s(A), relative to its end."""
     here = frame(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.points(np.array([crisis.parameter]))
     return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
 
 
 def root_slope(crisis: Crisis) -> float:
-    """Return the coefficient b of h = b √x + c x + … on the side of the corner next to this contact where the square root
-    is, x the distance along W^u(A) relative to s. Positive: the corner touches; negative: the bend beside it.
+    """Return the coefficient b of h = b √x + c x + … at the corner next to this contact.
+
+    On the side where the square root is, x the distance along W^u(A) relative to s. Positive: the corner touches;
+    negative: the bend beside it.
+
+    Returns
+    -------
+    float
+        The coefficient b.
     """
     here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))

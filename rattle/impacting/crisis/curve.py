@@ -124,7 +124,7 @@ def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
 
 
 def _changes(points: list[Crisis]) -> list[Crisis]:
-    """Where the coefficient of the square root next to the corner vanishes, between points of different contact."""
+    """Return the points between different contacts at which the coefficient of the square root vanishes."""
     from scipy.optimize import brentq
 
     found = []

@@ -1,4 +1,4 @@
-"""Which part of W^u(A) goes to rest, on the side of rising v; and whether chaos ends where W^u(A) touches W^s(A).
+"""Find the part of W^u(A) that goes to rest, and whether chaos ends where W^u(A) touches W^s(A).
 
 W^s(A) bounds the basin of quiet motion. Before the crisis all of W^u(A) on the side of rising v stays with the
 attractor there; past it some of it lies beyond W^s(A), and goes to rest. Samples of one fundamental domain tell, from
@@ -55,7 +55,7 @@ class Saddles(NamedTuple):
 
     @property
     def exists(self) -> Flags:
-        """Where A exists (n,)."""
+        """Flags (n,) of the points at which A exists."""
         return np.isfinite(self.tau)
 
     @property
@@ -70,7 +70,10 @@ class Saddles(NamedTuple):
 
     @property
     def decidable(self) -> Flags:
-        """Where W^u(A) can be followed until it is known: there is rest to go to, in a bearable number of impacts."""
+        """Flags of the points at which W^u(A) can be followed until its fate is known.
+
+        There is rest to go to, in a bearable number of impacts.
+        """
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _longer(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.excursions < most)
 
@@ -99,7 +102,7 @@ def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
 def _direction(
     delta: float, epsilon: float, beta: float, tau: float, v: float, multiplier: float
 ) -> tuple[float, float]:
-    """The unstable unit eigenvector at A, towards rising v."""
+    """Return the unstable unit eigenvector at A, towards rising v."""
     j00, j01, j10, j11 = impact_tangent(tau, v, delta, epsilon, beta, DRIFT, False)[5:9]
     one, other = (j01, multiplier - j00), (multiplier - j11, j10)
     x, y = one if np.hypot(*one) > np.hypot(*other) else other
@@ -108,8 +111,10 @@ def _direction(
 
 
 class Followed:
-    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points, after so many impacts (n,) at
-    most; s (n, count): their distance from A at the start, which is their place on W^u(A).
+    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points.
+
+    After so many impacts (n,) at most; s (n, count): their distance from A at the start, which is their place on
+    W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
@@ -124,7 +129,7 @@ class Followed:
 
     @property
     def at_rest(self) -> Flags:
-        """Which of them (n, count) are certain to come to rest."""
+        """Flags (n, count) of the samples that are certain to come to rest."""
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 

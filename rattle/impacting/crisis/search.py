@@ -68,7 +68,10 @@ def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float
 
 
 def _runs(delta: float, beta: float, gap: float) -> list[Array]:
-    """Runs of places s in a fundamental domain of W^u(A) that escape, longest first, with one more on both sides."""
+    """Return runs of places s in a fundamental domain of W^u(A) that escape, longest first.
+
+    With one more on both sides.
+    """
     found = _followed(delta, beta, gap, CHECKED)
     s, gone = found.s[0], found.at_rest[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
@@ -79,7 +82,7 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
-    """Steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
+    """Return the steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
     here = frame(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
@@ -99,9 +102,14 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 
 
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Where a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A).
+    """Return the contact of a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low.
 
     The longest of which the contact is found.
+
+    Returns
+    -------
+    Crisis
+        The contact with W^s(A).
     """
     *runs, last = _runs(delta, beta, high)[:MOST_RUNS]
     for run in runs:
@@ -111,7 +119,7 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
-    """Of the returns to A that the orbit in the middle of a run makes, that which touches at the least ε."""
+    """Return the contact at the least ε among the returns to A that the orbit in the middle of a run makes."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(f"the orbit that escapes at epsilon = {sn1_formula(delta) + high} does not return to A")

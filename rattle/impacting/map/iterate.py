@@ -103,10 +103,17 @@ def iterate(
 def iterate_tangent(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Stretched:
-    """As `iterate`, with a tangent vector re-normalised on the way: both Lyapunov exponents over the n impacts.
+    """Return `iterate` with both Lyapunov exponents over the n impacts.
+
+    A tangent vector is re-normalised on the way.
 
     The vector starts along phase, in (t, v²/2), where a flight's determinant is e^(−δs); the second exponent is the
     mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0.
+
+    Returns
+    -------
+    Stretched
+        States, times and exponents.
 
     Raises
     ------

@@ -38,7 +38,7 @@ def largest_eta(delta):
 
 @kernel
 def invariant_of(delta, epsilon, beta, largest):
-    """As `capture_invariant`; largest (ABREAST,) is worked in."""
+    """Return `capture_invariant`; largest (ABREAST,) is worked in."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -67,7 +67,7 @@ def fill_invariants(delta, epsilon, beta, largest, found):
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """As `capture_invariant`, for flat arrays."""
+    """Return `capture_invariant` for flat arrays."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found

@@ -37,8 +37,9 @@ def share_out(work, x):
 
 @kernel
 def space(work, n, offset, least):
-    """Set the times to n bounces with one adiabatic invariant, the first of them a share `offset` ∈ [−1, 0] of a bounce
-    after the phase `least` of least contact force.
+    """Set the times to n bounces with one adiabatic invariant.
+
+    The first of them is a share `offset` ∈ [−1, 0] of a bounce after the phase `least` of least contact force.
     """
     shares, i = work.shares, 0
     for j in range(n):
@@ -55,7 +56,7 @@ def space(work, n, offset, least):
 
 @kernel
 def node(n, least, work, delta, epsilon, beta):
-    """What the node of n bounces is, NONE, STABLE or UNSTABLE, kept if it is stable."""
+    """Return NONE, STABLE or UNSTABLE for the node of n bounces, kept if it is stable."""
     space(work, n, 0.0, least)
     solved, at_one = newton(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:

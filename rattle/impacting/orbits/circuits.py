@@ -55,8 +55,14 @@ def keep(work, n, delta, epsilon, beta):
 
 @kernel
 def reached(work, n, s, farthest, delta, epsilon, beta):
-    """Return the point of the curve in the plane across the walk's direction at distance s, by corrections no longer than
-    `farthest`: (found, R_0, dR_0/ds).
+    """Return the point of the curve in the plane across the walk's direction at distance s.
+
+    By corrections no longer than `farthest`.
+
+    Returns
+    -------
+    result
+        (found, R_0, dR_0/ds).
     """
     for i in range(n):
         work.times[i] = work.point[i] + s * work.direction[i]
@@ -78,9 +84,7 @@ def reached(work, n, s, farthest, delta, epsilon, beta):
 
 @kernel
 def turned(work, n):
-    """Return the cosine of the turn from the walk's direction to the curve's, and the length of `response`, negative where
-    the first time falls.
-    """
+    """Return the cosine of the turn from the walk's direction to the curve's, and the length of `response`."""
     square, along = 0.0, 0.0
     for i in range(n):
         square += work.response[i] * work.response[i]
@@ -113,7 +117,7 @@ def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
 
 @kernel
 def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
-    """Where R_0, of one sign at 0 and at `hi`, has the other between, near an extremum: (whether, distance, R_0)."""
+    """Find the point near an extremum where R_0 has the other sign than at 0 and `hi`: (found, distance, R_0)."""
     lo, whole = 0.0, hi
     if min(abs(f_lo), abs(f_hi)) > 0.5 * hi * max(abs(slope_lo), abs(slope_hi)):
         return False, 0.0, 0.0
@@ -139,9 +143,7 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
 
 @inline
 def resolved(s, f0, slope0, f1, slope1):
-    """Return whether R_0 and its slopes at both ends of a step agree so well that they tell how often it vanishes
-    between.
-    """
+    """Return whether R_0 and its slopes at both ends of a step agree so well that its zeros between are certain."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
@@ -173,8 +175,14 @@ def begun(work, n, delta, epsilon, beta):
 
 @kernel
 def walk_round(work, n, span, longest, delta, epsilon, beta):
-    """Keep all stable orbits on the circuit near the motion, until its first time has changed by `span` or the circuit
-    closes: (WOUND, CLOSED or LOST, how often R_0 changed its sign). Steps are no longer than `longest`.
+    """Keep all stable orbits on the circuit near the motion.
+
+    Until its first time has changed by `span` or the circuit closes. Steps are no longer than `longest`.
+
+    Returns
+    -------
+    result
+        WOUND, CLOSED or LOST, and the number of sign changes of R_0.
     """
     ok, f0, slope0 = begun(work, n, delta, epsilon, beta)
     s, zeros = longest, 0

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 @inline
 def sine_offset(delta):
-    """As `limits.sine_offset`."""
+    """Return `limits.sine_offset`."""
     return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 

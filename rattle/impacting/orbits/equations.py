@@ -34,8 +34,9 @@ from rattle.orbits.periodic import Equations
 
 @kernel
 def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
-    """Fill the flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n), zero before
-    and without rows if it is not asked for.
+    """Fill the flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n).
+
+    They are zero before, and J without rows if it is not asked for.
     """
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
@@ -64,7 +65,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 @dataclass(frozen=True)
 class Itinerary(Equations):
-    """Which walls a motion meets, in how many forcing periods, and the half-backlash."""
+    """Walls that a motion meets, in their order, its forcing periods, and the half-backlash."""
 
     @property
     def n(self) -> int:

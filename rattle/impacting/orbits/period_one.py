@@ -169,7 +169,7 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
 
 
 def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
-    """These eccentricities (of the shape of delta) where C is admissible or, if virtual, everywhere; else NaN."""
+    """Return these eccentricities (of the shape of delta) where C is admissible or, if virtual, all; else NaN."""
     d, _, b = parameters(delta, 0.0, beta)
     e = np.broadcast_to(epsilon, d.shape)
     if virtual:
@@ -179,7 +179,7 @@ def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtu
 
 
 def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
-    """What happens instead of SN1 and of the flip of C, for those of the two that do not happen at this damping."""
+    """Return the events that replace SN1 and the flip of C, for those of the two that do not happen at this damping."""
     born, end = not np.isnan(sn1(delta, beta)), float(grazing("G1", delta, beta).epsilon)
     found = []
     if not born:

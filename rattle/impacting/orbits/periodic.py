@@ -112,8 +112,14 @@ def _impact(
 def follow_impacts(
     delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
 ) -> tuple[Itinerary, Array]:
-    """Return the itinerary and the unknowns (n + 2,) of the flights from (τ, v) until Σ⁺ has been met n_plus times
-    more.
+    """Return the itinerary and the unknowns (n + 2,) of the flights from (τ, v) on.
+
+    Until Σ⁺ has been met n_plus times more.
+
+    Returns
+    -------
+    tuple[Itinerary, Array]
+        The itinerary and the unknowns.
     """
     walls, times = [1], [tau]
     time, wall, w, left = tau, 1, -v, n_plus
@@ -159,7 +165,9 @@ def periodic_orbit(
 
 
 def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
-    """Return a motion as its impact equations; an `Orbit` is solved for. Raises ParameterError if it is another gear's.
+    """Return a motion as its impact equations; an `Orbit` is solved for.
+
+    Raises ParameterError if it is another gear's.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit

@@ -1,4 +1,4 @@
-"""What is proved of a block of the plane: exact numbers, so that anybody can check it."""
+"""Theorem about a block of the plane: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FORMAT = 1
 
 
 class State(StrEnum):
-    """What is claimed of A, B, C or D."""
+    """Claim about A, B, C or D."""
 
     NONE = "none"
     THERE = "there"  # one, and whether it attracts is left open
@@ -58,7 +58,7 @@ class Block:
         return (self.delta[1] - self.delta[0]) * (self.epsilon[1] - self.epsilon[0])
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number is text, a decimal or a ratio, and exact."""
+        """Return the block as a JSON document: every number is text, a decimal or a ratio, and exact."""
         document: dict[str, object] = {
             "format": FORMAT,
             "theorem": "area",

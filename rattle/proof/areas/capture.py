@@ -51,8 +51,15 @@ def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
 
 
 def _longest(piece: Piece, share: arb, invariant: arb) -> arb:
-    """A bound H of all bounces: they return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at
-    2H; and that they are lower than the gap, y ≤ v²/(2 least g).
+    """Return a bound H of all bounces.
+
+    They return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at 2H; and they are lower than
+    the gap, y ≤ v²/(2 least g).
+
+    Returns
+    -------
+    arb
+        The bound H.
     """
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
@@ -87,7 +94,7 @@ def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """a = w²γ and its derivatives by x, where w = e^(δ(t − t₀)) and dt/dx = w."""
+    """Return a = w²γ and its derivatives by x, where w = e^(δ(t − t₀)) and dt/dx = w."""
     g, g1, g2, g3 = _force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

@@ -82,14 +82,14 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Block]:
 
 
 def _within(low: float, high: float, plane: Ends) -> Ends:
-    """The same in few digits, and the edges of the plane exactly."""
+    """Return the same range in few digits, and the edges of the plane exactly."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
 def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
-    """The ε of the blocks on which the claim is proved."""
+    """Return the ε of the blocks on which the claim is proved."""
 
     def proves(low: Fraction, high: Fraction) -> bool:
         try:
@@ -117,7 +117,10 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
 
 
 def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Where each claim of a kind holds at both edges and in the middle of a column, as doubles tell."""
+    """Return the spans of ε on which each claim of a kind holds, as doubles tell.
+
+    At both edges and in the middle of a column.
+    """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
     found = [_spans(kind, place, beta, epsilon) for place in places]
     spans = found[0]
@@ -154,7 +157,7 @@ def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
 
 
 def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """The claims of a kind that hold at these points, "" where none does."""
+    """Return the claims of a kind that hold at these points, "" where none does."""
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

@@ -32,11 +32,15 @@ class Share:
     of_where: float
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 
 def shares(blocks: Iterable[Block], area: Fraction) -> list[Share]:
-    """Of a plane of this area. Blocks of one claim do not overlap, nor do those of I to V."""
+    """Return the shares of a plane of this area.
+
+    Blocks of one claim do not overlap, nor do those of I to V.
+    """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:
         areas[block.claim] += block.area

@@ -48,8 +48,14 @@ def speeds(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tu
 
 
 def room(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[arb_series]:
-    """1 + E − T and 1 + E + T, both times uv/2, of the trace T = 1 + E − S(k₀ + k₁) + S₀S₁k₀k₁ of two impacts with k =
-    2g/v and −2g/u, where S = (1 − E)/δ, S₀ = (1 − a)/δ and S₁ = (1 − b)/δ.
+    """Return 1 + E − T and 1 + E + T, both times uv/2, of the trace T of two impacts.
+
+    T = 1 + E − S(k₀ + k₁) + S₀S₁k₀k₁ with k = 2g/v and −2g/u, where S = (1 − E)/δ, S₀ = (1 − a)/δ and S₁ = (1 − b)/δ.
+
+    Returns
+    -------
+    list[arb_series]
+        Both series.
     """
     x, y, v, u = found
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
@@ -74,7 +80,7 @@ def solved(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
 
 
 class Cell:
-    """What holds of all solutions with s between two numbers, over all δ and at the β of a piece."""
+    """Cell of all solutions with s between two numbers, over all δ and at the β of a piece."""
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
@@ -138,7 +144,7 @@ class Cell:
 
     @cached_property
     def solvable(self) -> bool:
-        """Whether the equations have one solution throughout, and it is enclosed."""
+        """True if the equations have one solution throughout, and it is enclosed."""
         (a11, a12, _), (a21, a22, _) = self.system[3]
         return not (a11 * a22 - a12 * a21).contains(0) and all(x.is_finite() for each in self.solution for x in each)
 
@@ -171,7 +177,9 @@ class Cell:
         return max(0.0, -sign * float(self.rise.mid()) / float(self.solution[1][3].mid()))
 
     def empty(self, epsilon: arb) -> bool:
-        """Return whether no motion with these ε is in the cell: v > 0, u > 0 and ε between both nowhere hold together.
+        """Return whether no motion with these ε is in the cell.
+
+        v > 0, u > 0 and ε between both nowhere hold together.
         """
         if self.least > epsilon:
             return True
@@ -199,7 +207,7 @@ class Cell:
 
     @cached_property
     def flies(self) -> bool:
-        """Whether Φ falls all the way to Σ⁻ and rises all the way back: e^(δt) Φ' is monotone where g has a sign."""
+        """True if Φ falls all the way to Σ⁻ and rises all the way back: e^(δt) Φ' is monotone where g has a sign."""
         return self._keeps(-1, arb(0), lower(self.s)) and self._keeps(1, upper(self.s), arb(1))
 
     def _keeps(self, sign: int, start: arb, end: arb) -> bool:
@@ -243,7 +251,7 @@ class Cell:
 
     @cached_property
     def room(self) -> list[arb]:
-        """What the trace T has: 1 + E − T, 1 + E + T, both times uv/2."""
+        """Margins of the trace T: 1 + E − T, 1 + E + T, both times uv/2."""
         here, by_s, by_delta, middle = self.solution
         s, delta = self.s, self.delta
         along_s = [arb_series([x, dx]) for x, dx in zip(here, by_s, strict=True)]
@@ -255,7 +263,7 @@ class Cell:
 
     @property
     def attracts(self) -> bool | None:
-        """Whether both multipliers are inside the unit circle (else one is outside); None if that is not told."""
+        """True if both multipliers are inside the unit circle (else one is outside); None if undecided."""
         above, below = self.room
         if above < 0 or below < 0:
             return False
@@ -294,8 +302,14 @@ def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Ce
 
 
 def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
-    """Return whether both multipliers are inside the unit circle wherever in these cells a motion is (else one is outside
-    everywhere). Raises NotProvedError.
+    """Return whether both multipliers are inside the unit circle wherever in these cells a motion is.
+
+    Else one is outside everywhere. Raises NotProvedError.
+
+    Returns
+    -------
+    bool
+        The answer.
     """
     verdicts, waiting = set(), list(run)
     while waiting:

@@ -1,4 +1,4 @@
-"""What is proved of one point of a bifurcation curve: exact numbers, so that anybody can check it."""
+"""Theorem about one point of a bifurcation curve: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ class BifurcationCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
+        """Return a readable description."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.known.items())
         found = ", ".join(f"{name} = {float(sum(ends) / 2):.16g}" for name, ends in self.solved.items())
         return f"{self.name} at {where}: a {WORDS[self.motion.kind]} at {found}"
 
     @property
     def width(self) -> Fraction:
-        """Of the widest enclosure of a parameter."""
+        """Width of the widest enclosure of a parameter."""
         return max(high - low for low, high in self.solved.values())
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number but the integers is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,

@@ -46,32 +46,40 @@ class Jet:
         self.value, self.slopes = value, slopes
 
     def chained(self, value: Interval, slope: Interval) -> "Jet":
+        """Return a function of this jet, by the chain rule."""
         return Jet(value, [slope * each for each in self.slopes])
 
     def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "Jet":
+        """Return a combination of two jets, by the partial derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return Jet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
     def __add__(self, other: Any) -> "Jet":
+        """Return the sum."""
         other = jet(other)
         return self.combined(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "Jet":
+        """Return the product."""
         other = jet(other)
         return self.combined(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "Jet":
+        """Return the negative."""
         return self.chained(-self.value, ZERO - 1)
 
     def __sub__(self, other: Any) -> "Jet":
+        """Return the difference."""
         return self + -jet(other)
 
     def __truediv__(self, other: "Jet") -> "Jet":
+        """Return the quotient."""
         return self * other.chained(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def exp(self) -> "Jet":
+        """Return the exponential."""
         value = IV.exp(self.value) * (1 + SLACK)
         return self.chained(value, value)
 
@@ -82,11 +90,12 @@ class Jet:
 
 
 def jet(x: Any) -> Jet:
+    """Return a jet; a number is a constant."""
     return x if isinstance(x, Jet) else Jet(ZERO + x)
 
 
 class Bifurcation:
-    """What a certificate says."""
+    """Statement of a certificate."""
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "it is of another model")
@@ -152,7 +161,7 @@ class Bifurcation:
         return [each.value for each in values], [each.slopes for each in values]
 
     def condition(self, pieces: Sequence[Any], delta: Jet) -> Jet:
-        """What vanishes besides: of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
+        """Return the vanishing condition of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
         a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
         first = self.impact or 0
         for i in range(self.n):
@@ -237,6 +246,7 @@ def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
 
 
 def clear(piece: Piece, y: Interval) -> bool:
+    """Return whether y is clear of both walls."""
     return positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
@@ -281,4 +291,5 @@ def check(text: str) -> str:
 
 
 def max_width(claim: Bifurcation) -> float:
+    """Return the largest width of the claim's enclosures."""
     return max(float((high - low).b) for low, high in claim.ends)

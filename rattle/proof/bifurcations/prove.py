@@ -86,8 +86,14 @@ def _apart(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
 
 
 def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertificate:
-    """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`), at the
-    damping that the event has. Raises ParameterError, and NotProvedError.
+    """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`).
+
+    At the damping that the event has. Raises ParameterError, and NotProvedError.
+
+    Returns
+    -------
+    BifurcationCertificate
+        The certificate.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     itinerary = event.itinerary
@@ -123,7 +129,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _certified(
     name: str, motion: Motion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """The theorem about the solution near x (n + 2,)."""
+    """Return the theorem about the solution near x (n + 2,)."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])

@@ -40,7 +40,7 @@ class Between(NamedTuple):
 
 @dataclass(frozen=True)
 class Motion:
-    """What does not change along a curve.
+    """Quantities that do not change along a curve.
 
     The walls (n,) of a motion in m forcing periods, what happens to it, the number of the impact that grazes, and the
     name of a point of codimension two.
@@ -68,7 +68,7 @@ class System:
     side: Sequence[float] = ()
 
     def __call__(self, at: Sequence[arb]) -> Evaluated:
-        """The equations at unknowns (N,): times, what is not known of δ and ε, φ."""
+        """Evaluate the equations at unknowns (N,): times, the unknown ones of δ and ε, φ."""
         return Evaluated(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
@@ -135,7 +135,7 @@ def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -
 
 
 def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """What vanishes at a point of codimension two, where C grazes."""
+    """Return the vanishing condition at a point of codimension two, where C grazes."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 

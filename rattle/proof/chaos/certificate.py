@@ -1,4 +1,4 @@
-"""What is proved of chaos at one point of the plane: exact numbers, so that anybody can check it."""
+"""Theorem about chaos at one point of the plane: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -51,6 +51,7 @@ class HorseshoeCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
+        """Return a readable description."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         lengths = ", ".join(str(loop.length) for loop in self.loops)
         return (
@@ -59,7 +60,7 @@ class HorseshoeCertificate:
         )
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number but the integers is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,

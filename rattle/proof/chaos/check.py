@@ -33,10 +33,14 @@ class Bundle:
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
 
     def kept(self, start: Vector, t: Interval) -> Interval:
+        """Return the enclosed decay e^(−δ(t − t₀))."""
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Of Φ(t) and Φ'(t) on all flights, by both sides: those of the flow are −(w + S w'), S and −C w', C."""
+        """Return the derivatives of Φ(t) and Φ'(t) on all flights, by both sides.
+
+        Those of the flow are −(w + S w'), S and −C w', C.
+        """
         c = self.kept((self.hull[0], self.hull[1]), t)
         s = (1 - c) / self.plane.delta
         y, v = (-self.hull[1] - s * self.push, s), (-c * self.push, c)
@@ -109,8 +113,7 @@ class Bundle:
         raise Refused("a flight does not end")
 
     def is_clear(self, arrival: Interval) -> bool:
-        """Return whether all flights are clear of the walls on their way: at all times Φ' has one sign, or Φ is clear.
-        """
+        """Return whether all flights clear the walls on their way: at all times Φ' has one sign, or Φ is clear."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
@@ -127,7 +130,7 @@ class Bundle:
 
 
 class Claim:
-    """What a certificate says."""
+    """Statement of a certificate."""
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "it is of another model")
@@ -151,7 +154,10 @@ class Claim:
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def image(self, source: int, part: Part, word: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Where Π takes the middle of a part of a set, and sides of a parallelogram about it that holds the rest."""
+        """Return the image under Π of the middle of a part of a set, and sides of a parallelogram about it.
+
+        The parallelogram holds the image of the rest.
+        """
         (t, v, *along), (xi, eta, width, height) = self.sets[source], part
         middle = t + xi * along[0] + eta * along[2], -(v + xi * along[1] + eta * along[3])
         sides = (width * along[0], -width * along[1]), (height * along[2], -height * along[3])
@@ -174,7 +180,10 @@ class Claim:
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
-        """The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|."""
+        """Require that a set covers another.
+
+        The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|.
+        """
         went = [self.settled(source, target, word, periods, edge, inside=False) for edge in EDGES]
         require(went in ([{-1}, {1}], [{1}, {-1}]), f"the edges of set {source} do not go to both sides of {target}")
         self.settled(source, target, word, periods, WHOLE, inside=True)
@@ -199,7 +208,7 @@ class Claim:
         raise Refused(f"set {source} is not proved to cover set {target}")
 
     def require_apart(self, one: int, other: int) -> None:
-        """The sets are disjoint, whole periods apart too: a line along a side separates them."""
+        """Require that two sets are disjoint, whole periods apart too: a line along a side separates them."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -208,6 +217,7 @@ class Claim:
             require(ok, f"sets {one} and {other} may meet")
 
     def corners(self, number: int, periods: int) -> list[tuple[Fraction, Fraction]]:
+        """Return the corners of a set, so many periods later."""
         t, v, *along = self.numbers[number]
         require(abs(t) + abs(along[0]) + abs(along[2]) < 1.5, f"set {number} is not near the first period")
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
@@ -215,6 +225,7 @@ class Claim:
 
 
 def halves(part: Part, added: list[float]) -> list[Part]:
+    """Return both halves of a part, cut across its more stretched side."""
     xi, eta, width, height = part
     require(max(width, height) > 2.0**-14, "a set is not stretched across the next")
     if width and (not height or (added[0], width) >= (added[1], height)):

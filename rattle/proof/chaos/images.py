@@ -21,7 +21,7 @@ NEAR = 1e-15  # what is left of the middle's time of arrival
 
 
 class Image(NamedTuple):
-    """Where the middle of a set goes, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
+    """Image of the middle of a set, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
 
     middle: tuple[arb, arb]
     slope: arb_mat
@@ -37,8 +37,14 @@ class Arrival:
 
 
 def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
-    """Π of all (t, v) in centre + sides [−1, 1]², whose motions meet these walls between two impacts on Σ⁺, with the
-    derivatives by the coordinates in [−1, 1]².
+    """Return Π of all (t, v) in centre + sides [−1, 1]², with the derivatives by the coordinates in [−1, 1]².
+
+    Their motions meet these walls between two impacts on Σ⁺.
+
+    Returns
+    -------
+    Image
+        The image.
 
     Raises
     ------
@@ -54,8 +60,7 @@ def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence
 
 
 def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return the flights from a wall at times and with velocities middle + sides [−1, 1]², which end first at `target`.
-    """
+    """Return the flights from a wall at times and velocities middle + sides [−1, 1]², which end first at `target`."""
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
     bundle = Bundle(plane, middle, sides)
@@ -85,7 +90,7 @@ def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, ta
 
 
 def spread(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
-    """What by_t0 dt₀ + by_w0 dw₀ is at most for (dt₀, dw₀) in sides [−1, 1]²."""
+    """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
 
@@ -125,8 +130,10 @@ class Bundle:
         return self.until(t).at(t)[which] + arb(0, 1) * spread(self.sides, by_t0[which], by_w0[which])
 
     def require_clear(self, here: Flight, wall: int, target: int, name: str) -> None:
-        """Raise NotProvedError unless these flights meet no wall on their way, by their extrema or, where these are not
-        told apart, by bisection of the time: in each part Φ' has one sign, or Φ is clear of the walls all through it.
+        """Raise NotProvedError unless these flights meet no wall on their way.
+
+        By their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has one sign, or
+        Φ is clear of the walls all through it.
         """
         try:
             require_first(here, wall, target, name)
@@ -151,7 +158,7 @@ class Bundle:
 
 
 def _flight(plane: Plane, t0: arb, w0: arb, t1: arb) -> Flight:
-    """The flight with this begin until t1; not the one between two places, so its own derivatives are left out."""
+    """Return the flight with this begin until t1; its own derivatives are left out."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
@@ -159,7 +166,7 @@ def _flight(plane: Plane, t0: arb, w0: arb, t1: arb) -> Flight:
 
 
 def _derivatives(here: Flight, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
+    """Return the derivatives of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
     reach = (1 - kept) / plane.delta

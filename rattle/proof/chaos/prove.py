@@ -46,7 +46,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 
 
 def _proved(plane: Plane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
-    """The theorem about the loops of a hub that can be proved, None if these are fewer than two."""
+    """Return the theorem about the loops of a hub that can be proved, None if these are fewer than two."""
     hub = _exactly(found.hub)
     sets, loops = [hub], list[Loop]()
     sources: dict[tuple[int, int], Mapped] = {}  # the hub's images serve all loops
@@ -90,7 +90,7 @@ def _covered(
 
 
 def _exactly(box: search.Box) -> HSet:
-    """A box in few digits, its time in [0, 1)."""
+    """Return a box in few digits, its time in [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
@@ -106,8 +106,14 @@ def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
 
 
 def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
-    """Return whether a line along a side of either of two parallelograms, by their corners in `HSet` order, separates
-    them.
+    """Return whether a line along a side of either of two parallelograms separates them.
+
+    By their corners in `HSet` order.
+
+    Returns
+    -------
+    bool
+        The answer.
     """
     for a in (one, other):
         for i in (1, 2):

@@ -1,4 +1,4 @@
-"""Where a horseshoe may be, in doubles.
+"""Search horseshoes, in doubles.
 
 A parallelogram to which chaotic motions return, and along each return the parallelograms through which Π stretches it
 back across itself. What is found here is proved elsewhere, or refused.
@@ -150,7 +150,7 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _places(gear: Gear, pi: Map, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Where a hub may be, with unit vectors that lean as unstable and stable directions: saddles, and states."""
+    """Yield candidates of a hub, with unit vectors that lean as unstable and stable directions: saddles, and states."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
@@ -172,13 +172,13 @@ def _unit(x: Array) -> Array:
 
 
 def _pulled(tangent: Array, x: Array) -> Array:
-    """What a tangent map makes x of, to length 1."""
+    """Return the image of x under a tangent map, scaled to length 1."""
     (a, b), (c, d) = tangent
     return _unit(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
 def _samples(box: Box, across: int, high: int) -> Array:
-    """A grid of states (across, high, 2) of a box."""
+    """Return a grid of states (across, high, 2) of a box."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
@@ -231,7 +231,7 @@ def _growth_of(loops: Sequence[Loop]) -> float:
 
 
 def _loop(pi: Map, hub: Box, segment: Segment) -> Loop | None:
-    """The boxes about a segment; None if it does not stretch the hub across itself."""
+    """Return the boxes about a segment; None if it does not stretch the hub across itself."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _across(pi, hub, hub, words[0])
@@ -279,8 +279,14 @@ def _reach(pi: Map, x: Array, unstable: Array, stretched: Array, target: Box, wo
 
 
 def _across(pi: Map, source: Box, target: Box, word: int) -> tuple[float, tuple[float, float]]:
-    """The largest |η| of what Π makes of a box between the target's edges, or a little beyond them, and from which ξ to
-    which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets other walls.
+    """Return the largest |η| of Π's image of a box between the target's edges, or a little beyond them.
+
+    Also from which ξ to which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets other walls.
+
+    Returns
+    -------
+    tuple[float, tuple[float, float]]
+        The size, and both ξ.
     """
     back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)

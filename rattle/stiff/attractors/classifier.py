@@ -1,4 +1,4 @@
-"""Which attractors the samples of cells of the stiff gear go to, by the stages of `rattle.attractors.classify`."""
+"""Classify the samples of cells of the stiff gear, by the stages of `rattle.attractors.classify`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class StiffClassifier(Classifier):
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion."""
+        """Flags of the cells (n_cells,) that have a quiet motion."""
         return np.asarray(self.cells.has_quiet > 0)
 
     def enter_known_orbits(self) -> None:

@@ -107,7 +107,7 @@ class _End(NamedTuple):
 
 
 def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
-    """The end of a path."""
+    """Return the end of a path."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
         return _End("span")
@@ -131,7 +131,7 @@ def _name(wall: int) -> str:
 
 
 def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_End, _End]) -> StiffBranch:
-    """The branch through solutions, with its saddle-nodes among the points."""
+    """Return the branch through solutions, with its saddle-nodes among the points."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []
@@ -182,7 +182,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
 
 
 def _fold(problem: Problem, a: Array, b: Array) -> Callable[[Array], float]:
-    """The rate of the parameter along the branch from a to b."""
+    """Return the rate of the parameter along the branch from a to b."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 

@@ -80,7 +80,7 @@ def trace(
 
 
 def describe(name: str) -> str:
-    """What happens on a curve, to which motions. Raises ParameterError on an unknown name."""
+    """Describe a curve: its event and its motions. Raises ParameterError on an unknown name."""
     require_one_of("name", name, NAMES)
     return f"{MEANINGS[name]} (docs/stiff.md)"
 
@@ -111,7 +111,7 @@ def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Arra
 
 
 def _events(name: str, family: Family) -> list[Array]:
-    """The motions (2c + 1,) of a family that are on a curve.
+    """Return the motions (2c + 1,) of a family that are on a curve.
 
     Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is the pole of the limit's
     P(1,1,1), and the paper's curves are beyond.
@@ -127,7 +127,7 @@ def _events(name: str, family: Family) -> list[Array]:
 
 
 def _flips(name: str, family: Family) -> list[Array]:
-    """The flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
+    """Return the flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
@@ -149,7 +149,7 @@ def _flips(name: str, family: Family) -> list[Array]:
 
 
 def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
-    """The flip between two motions of a family, nearly."""
+    """Return the flip between two motions of a family, nearly."""
     sign, y = trace_of(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
         if not between(a, b, 0.5, cycle, y):
@@ -188,7 +188,10 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
 
 
 def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
-    """x = (phase, δ, ε): the depth of permanent contact, times κ, and its rate vanish (`rattle.stiff.map.quiet`)."""
+    """Return the curve on which the depth of permanent contact, times κ, and its rate vanish.
+
+    x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
+    """
 
     def equations(x: Array) -> Array:
         phase, delta, epsilon = TWO_PI * x[..., 0], x[..., 1], x[..., 2]

@@ -106,11 +106,18 @@ def diagram(
     most: int = 100,
     seed: int = 0,
 ) -> Diagram[StiffBranch, StiffEvent]:
-    """Return the bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ, or from κ at the
-    start to κ at the end, evenly in κ^(−1/2); then start and end may be the same. Other arguments as `rattle.diagram`.
+    """Return the bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ.
+
+    Or from κ at the start to κ at the end, evenly in κ^(−1/2); then start and end may be the same. Other arguments as
+    `rattle.diagram`.
 
     A branch has one label; at a graze (GR), which is no bifurcation here, its motion goes on as another branch. Raises
     ParameterError.
+
+    Returns
+    -------
+    Diagram[StiffBranch, StiffEvent]
+        The diagram.
     """
     beta = require_number("beta", beta, positive=True)
     at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)

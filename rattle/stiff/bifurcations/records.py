@@ -58,12 +58,12 @@ class StiffEvent(NamedTuple):
 
     @property
     def admissible(self) -> bool:
-        """Whether the motion happens: always."""
+        """True if the motion happens: always."""
         return True
 
 
 def unknowns_of(orbit: StiffOrbit) -> Array:
-    """Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
+    """Return times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
 
@@ -99,8 +99,9 @@ class StiffBranch(Followed):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
-        impacting motion becomes: the letter of the stretch between folds that it is on
+        """A, B, C or D for every point of a period-one branch, "" for those of any other.
+
+        "" too of the P(1,1,0) that no impacting motion becomes: the letter of the stretch between folds that it is on
         (`rattle.stiff.orbits.families`).
         """
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
@@ -138,9 +139,16 @@ class StiffBranch(Followed):
         return orbit_of(replace(self.itinerary, softness=float(x[-1])), x[:-1])
 
     def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
-        """Where the parameter number `index` of the branch (−3, −2, −1: δ, ε, κ^(−1/2)/√2) has this value.
+        """Return the points at which the parameter number `index` of the branch has this value.
+
+        −3, −2, −1: δ, ε, κ^(−1/2)/√2.
 
         The point before, and the unknowns (2c + 3,).
+
+        Returns
+        -------
+        list[tuple[int, Array]]
+            Number of the point before, and the solution.
         """
         found, at = list[tuple[int, Array]](), self.unknowns[:, index] - value
         line = MotionsOnLine(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
@@ -154,7 +162,7 @@ class StiffBranch(Followed):
 
 
 def _letter(orbit: StiffOrbit) -> str:
-    """The letter of a motion P(1,1,0) or P(1,1,1)."""
+    """Return the letter of a motion P(1,1,0) or P(1,1,1)."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
         if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:
             return name if name in NAMES else ""

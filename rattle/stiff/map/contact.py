@@ -23,7 +23,7 @@ SAFE = 0.999  # of a time in which contact is certain
 
 
 class Contact(NamedTuple):
-    """What x of one contact is made of."""
+    """Terms of x of one contact."""
 
     x0: float  # depth and outward velocity at its beginning
     w0: float
@@ -110,8 +110,14 @@ def steady(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """Return u'/u at s from the middle of a piece, of a free motion u that is positive on it; u is even but for
-    e^(−δs/2).
+    """Return u'/u at s from the middle of a piece, of a free motion u that is positive on it.
+
+    u is even but for e^(−δs/2).
+
+    Returns
+    -------
+    result
+        The logarithmic rate.
     """
     if square > 0.0:
         return rate * math.tanh(rate * s) - 0.5 * delta

@@ -33,7 +33,7 @@ def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
 
 @kernel
 def stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
-    """As `returned`, with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+    """Do `returned` with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
         x, y = 1.0, 0.0
@@ -87,9 +87,16 @@ def iterate_tangent(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Stretched:
-    """As `iterate`, with both Lyapunov exponents over the n returns: see `rattle.iterate_tangent`, in its coordinates.
+    """Return `iterate` with both Lyapunov exponents over the n returns.
+
+    See `rattle.iterate_tangent`, in its coordinates.
 
     NaN where no return is made.
+
+    Returns
+    -------
+    Stretched
+        States, times and exponents.
 
     Raises
     ------

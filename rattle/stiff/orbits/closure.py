@@ -34,7 +34,7 @@ SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of 
 
 
 class Cycle(NamedTuple):
-    """What all motions of a family share: the walls (c,) in their order, Σ⁺ first, and the forcing periods."""
+    """Shared data of all motions of a family: the walls (c,) in their order, Σ⁺ first, and the forcing periods."""
 
     walls: Any
     m: int
@@ -177,7 +177,9 @@ def closure(y, cycle, value, jacobian):
 
 @kernel
 def trace_of(y, cycle):
-    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs).
+    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
+
+    A product of exact ones, each det e^(−δs).
     """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)

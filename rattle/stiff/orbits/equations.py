@@ -107,8 +107,14 @@ def contact(sign, t, duration, u, p, delta, epsilon):
 
 @kernel
 def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """Return the flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if asked for, of motions x (k, 2c + 2) that meet the
-    walls `signs` (c,), at p (k,).
+    """Return the flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if requested, of motions x (k, 2c + 2).
+
+    They meet the walls `signs` (c,), at p (k,).
+
+    Returns
+    -------
+    result
+        Flights, R and J.
     """
     k, c = x.shape[0], signs.size
     n = 2 * c
@@ -155,8 +161,9 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
 
 @dataclass(frozen=True)
 class StiffItinerary(Equations):
-    """Which walls a motion of the stiff gear meets, in how many forcing periods, the half-backlash, and p = 1/√(2κ), 0
-    for the impacting model.
+    """Walls that a motion of the stiff gear meets, its forcing periods, the half-backlash, and p = 1/√(2κ).
+
+    p is 0 for the impacting model.
     """
 
     softness: float

@@ -65,7 +65,7 @@ class Family:
 
     @property
     def saddles(self) -> list[bool]:
-        """Of every stretch, whether its motions are saddles with a multiplier above 1."""
+        """Flags of the stretches whose motions are saddles with a multiplier above 1."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -94,12 +94,12 @@ class Family:
 
 
 def crossings(values: Array) -> list[int]:
-    """Where a function changes sign: the numbers of the points before."""
+    """Return the numbers of the points before a function changes sign."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
 
 def lost(cycle: Cycle, epsilon: float) -> RattleError:
-    """What to say where a family breaks off while its motions happen: what is beyond would be missing."""
+    """Return the error for a family that breaks off while its motions happen: the part beyond would be missing."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
         f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
@@ -129,8 +129,15 @@ def through(y: Array, cycle: Cycle, span: float) -> Family:
 
 
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
-    """Unknowns (k, 2c + 1) of motions whose contacts begin at these times after the first one's and last pσ, both
-    (k, c): all equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the sense of least squares.
+    """Return unknowns (k, 2c + 1) of motions whose contacts begin at these times and last pσ, both (k, c).
+
+    Times are after the first one's. All equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the
+    sense of least squares.
+
+    Returns
+    -------
+    Array
+        The unknowns.
     """
     itinerary = StiffItinerary(tuple(cycle.walls.tolist()), cycle.m, cycle.beta, softness(cycle.kappa))
     plane = np.full((len(offset), 1), cycle.delta)
@@ -232,7 +239,7 @@ def grazes(family: Family) -> list[Array]:
 
 
 def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
-    """The letters of a family of P(1,1,1).
+    """Return the letters of a family of P(1,1,1).
 
     Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter the stretch shares; but a C that never
     folds back to B is D, as beyond COD23.
@@ -250,7 +257,7 @@ def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
 
 
 def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
-    """The letter of the P(1,1,0) that a family of P(1,1,1) becomes at an end where its contact with Σ⁻ is lost."""
+    """Return the letter of the P(1,1,0) that a family of P(1,1,1) becomes where its contact with Σ⁻ is lost."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""

@@ -63,7 +63,7 @@ def eliminate(matrix, right):
 
 @inline
 def small(cycle):
-    """What is small of ε: `plane_scale`."""
+    """Return the size of ε that counts as small: `plane_scale`."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 
@@ -131,7 +131,7 @@ def shortest_flight(y, cycle):
 
 @inline
 def edge(y, cycle, largest):
-    """Which edge y is beyond, and the unknown that says so: (−1, 0) if it is inside."""
+    """Return the edge that y is beyond, and the unknown that says so: (−1, 0) if it is inside."""
     c = cycle.walls.size
     if not 0.0 <= y[2 * c] <= largest:
         return SPAN, 2 * c
@@ -152,7 +152,7 @@ def between(a, b, share, cycle, y):
 
 @inline
 def measured(y, index, level, chord, cycle, tangent):
-    """What `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
+    """Return the function that `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
     if index >= 0:
         return y[index] - level
     tangent_at(y, chord, cycle, tangent)
@@ -214,8 +214,14 @@ def passes(solution, a, b, cycle, y):
 
 @kernel
 def follow(start, direction, cycle, largest, points):
-    """Follow a family from a solution inside towards a direction with ε up to `largest`, and write its points (most,
-    2c + 1): how many there are, and why it ends.
+    """Follow a family from a solution inside towards a direction with ε up to `largest`.
+
+    Its points are written (most, 2c + 1).
+
+    Returns
+    -------
+    result
+        Number of points, and the reason of the end.
     """
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
@@ -253,8 +259,14 @@ def follow(start, direction, cycle, largest, points):
 
 @kernel
 def folds_of(points, cycle, folds):
-    """Return the solutions (k, 2c + 1) between the points of a family at which ε turns back, with the numbers of the
-    points before them written, and whether all of them could be located.
+    """Return the solutions (k, 2c + 1) between the points of a family at which ε turns back.
+
+    The numbers of the points before them are written.
+
+    Returns
+    -------
+    result
+        The solutions, and whether all of them could be located.
     """
     n = points.shape[1]
     tangent, found, before = np.empty(n), np.empty((len(points), n)), np.empty(n)
@@ -274,8 +286,14 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def place(points, solution, cycle):
-    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution, −1 if it does
-    not.
+    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution.
+
+    −1 if it does not.
+
+    Returns
+    -------
+    result
+        The number.
     """
     y = np.empty(solution.size)
     for i in range(len(points) - 1):

@@ -68,7 +68,7 @@ def trace_of(itinerary: StiffItinerary, x: Array) -> float:
 
 
 class Failure(NamedTuple):
-    """What does not happen in a motion: its contact, or flight, of this number ends at this wall and time instead.
+    """Failure of a motion: its contact, or flight, of this number ends at this wall and time instead.
 
     Wall 0: it does not even begin.
     """
@@ -85,7 +85,9 @@ def admissible(itinerary: StiffItinerary, x: Array) -> bool:
 
 
 def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
-    """Return the first flight or contact of x (2c + 2,) that ends elsewhere than the equations say, None if all happen.
+    """Return the first flight or contact of x (2c + 2,) that ends elsewhere than the equations say.
+
+    None if all happen.
     """
     number, contact, wall, time = closure.first_failure(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
@@ -105,7 +107,14 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
-    """Return the motion of the stiff gear at κ that a motion of the impacting model (κ = ∞) becomes, followed in κ^(−1/2).
+    """Return the motion of the stiff gear at κ that a motion of the impacting model becomes.
+
+    Followed in κ^(−1/2) from κ = ∞.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
 
     Raises
     ------
@@ -148,8 +157,14 @@ def follow_from_limit(
 def follow_contacts(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, n_plus: int
 ) -> tuple[StiffItinerary, Array]:
-    """Return the itinerary and the unknowns of the motion from the departure (τ, v) through n_plus contacts with Σ⁺
-    more.
+    """Return the itinerary and the unknowns of the motion from the departure (τ, v).
+
+    Through n_plus contacts with Σ⁺ more.
+
+    Returns
+    -------
+    tuple[StiffItinerary, Array]
+        The itinerary and the unknowns.
     """
     p = softness(kappa)
     wall, position, w, time = np.int64(1), 0.0, -v, tau
@@ -196,11 +211,17 @@ def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
 def stiff_orbit(
     delta: float, epsilon: float, kappa: float, tau: float, v: float, n_plus: int = 1, beta: float = 0.6
 ) -> StiffOrbit:
-    """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺, with n_plus ≥ 1 contacts with Σ⁺ a
-    period, by Newton's method on times and durations of its contacts.
+    """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺.
+
+    With n_plus ≥ 1 contacts with Σ⁺ a period, by Newton's method on times and durations of its contacts.
 
     The motion has its least period: if it repeats itself earlier than after n_plus contacts, its n_plus is smaller. All
     numbers dimensionless; time in forcing periods.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
 
     Raises
     ------

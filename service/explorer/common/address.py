@@ -65,13 +65,13 @@ class Pin(NamedTuple):
 
     @property
     def written(self) -> str:
-        """As an address has it: what the first model adds without its name, as in addresses of before."""
+        """Text in an address: the first model's added parameter without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
         return ",".join([*map(repr, self[:3]), *more])
 
     @property
     def label(self) -> str:
-        """What it is called."""
+        """Text on the map."""
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
@@ -94,7 +94,7 @@ class Chosen:
 
     @property
     def written(self) -> str:
-        """As an address has it."""
+        """Text in an address."""
         return f"{self.variable},{self.index}"
 
     @classmethod
@@ -116,7 +116,7 @@ class Further:
 
     @property
     def written(self) -> str:
-        """As an address has it."""
+        """Text in an address."""
         parts = (self.survey, self.variable, str(self.index), str(self.slice), "minus" if self.minus else "")
         return ",".join(parts).rstrip(",")
 
@@ -129,7 +129,7 @@ class Further:
 
 @dataclass(frozen=True)
 class View:
-    """What a page shows.
+    """State of a page, as its address has it.
 
     Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and `machine` is there where
     the point is that of a machine which was entered. share: P(quiet) of the design limit. profile: of which map there

@@ -1,4 +1,4 @@
-"""What the pictures of one parameter point have in common: figures in a light or a dark theme."""
+"""Draw the pictures of one parameter point: figures in a light or a dark theme."""
 
 from __future__ import annotations
 

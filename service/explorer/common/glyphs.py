@@ -37,7 +37,7 @@ POINT = ("x", "y", "marker", "name", "align", "dx", "dy")
 
 @dataclass(frozen=True)
 class Scale:
-    """What draws values on a linear or a logarithmic scale of colours: a glyph takes no other mapper later."""
+    """Glyphs of values on a linear or a logarithmic scale of colours: a glyph takes no other mapper later."""
 
     mapper: Any
     cells: Any
@@ -106,7 +106,7 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
 
 
 def beyond(ink: str) -> tuple[Any, Any]:
-    """Marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
+    """Return marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
     return _at_bar("▼", "bottom", -BAR_PADDING, "top", ink), _at_bar("▲", "top", BAR_PADDING, "bottom", ink)
 
 
@@ -129,7 +129,7 @@ def line(source: ColumnDataSource, name: str) -> list[Any]:
 
 
 def points(source: ColumnDataSource) -> list[Any]:
-    """Marks with names beside them."""
+    """Return marks with names beside them."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
     box: dict[str, Any] = {"padding": 2, "border_radius": 3}
     names = Text(
@@ -150,7 +150,7 @@ def names(source: ColumnDataSource) -> Any:
 
 
 def band(source: ColumnDataSource) -> Any:
-    """Where the design limit is between."""
+    """Return the band that holds the design limit."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
     return _rendered(source, area, name=BAND_NAME)
 

@@ -38,7 +38,7 @@ class SurveyList(JSComponent):
 
 
 class Key(JSComponent):
-    """What colours and lines mean; `chosen` are the names of the lines that are drawn."""
+    """Meanings of colours and lines; `chosen` are the names of the lines that are drawn."""
 
     shades = param.List(default=[])
     overlays = param.List(default=[])

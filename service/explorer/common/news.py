@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 
 
 class News:
-    """Who listens is told where the surveys stand, in the event loop: soon, and whenever something has changed.
+    """Publish job status to listeners in the event loop: soon, and whenever it changes.
 
     Nobody is told what was read before they came: a page keeps to the survey that it finds first.
     """
@@ -70,6 +70,7 @@ class News:
         self._arrived.set()
 
     def leave(self, listener: Listener) -> None:
+        """Remove a listener."""
         self._listeners.discard(listener)
 
     async def _keep_up(self) -> None:

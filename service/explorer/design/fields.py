@@ -38,7 +38,7 @@ class Entry(NamedTuple):
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def meant(self, value: float | None) -> float | None:
-        """What is entered as the library has it: division rounds to what 100e-6 says of 100 µm."""
+        """Return an entered value in the library's form: division rounds to 100e-6 for 100 µm."""
         return None if value is None else value / self.per
 
 
@@ -62,7 +62,9 @@ def in_unit(name: str, value: float) -> str:
 
 
 def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
-    """Return the speeds and eccentricities of a window of the plane, each (low, high): what is fast has little damping.
+    """Return the speeds and eccentricities of a window of the plane, each (low, high).
+
+    High speed means little damping.
     """
     return {
         "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
@@ -81,7 +83,9 @@ def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) ->
 
 
 def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """Return the pair of gears of a point at another one; None without one, or where a stiffness would be another one.
+    """Return the pair of gears of a point at another one.
+
+    None without one, or where a stiffness would be another one.
     """
     if machine is None or (machine.stiffness is not None and delta != machine.delta):
         return None
@@ -108,7 +112,7 @@ class MachineFields:
         self.panel = pn.Column(about, *rows, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
-        """What is entered, as `rattle.Machine` and requests take it; nothing of what is empty and need not be given."""
+        """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are left out."""
         numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
         return {name: value for name, value in numbers.items() if name != "stiffness" or value is not None} | {
             "drive": self._drive.value

@@ -20,8 +20,9 @@ LEAST = 0.1  # of the mean: the speed and the damping of a gear are cut off ther
 
 
 class Tolerance(NamedTuple):
-    """Standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m), and the least P(quiet) of a
-    gear that passes.
+    """Standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m).
+
+    And the least P(quiet) of a gear that passes.
     """
 
     first: float
@@ -30,7 +31,7 @@ class Tolerance(NamedTuple):
 
 
 class Yield(NamedTuple):
-    """What becomes of so many gears."""
+    """Results for so many gears."""
 
     gears: int
     quiet: Estimate

@@ -1,4 +1,4 @@
-"""Where a viewer gives the tolerances of a point."""
+"""Enter the tolerances of a point."""
 
 from __future__ import annotations
 

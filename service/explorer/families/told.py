@@ -1,4 +1,4 @@
-"""What a survey tells of its families: which there are, and of one its shares, where it reaches, and where it ends."""
+"""Describe the families of a survey: their list, and of one its shares, its extent and its ends."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ class Extent:
 
     @property
     def state(self) -> dict[str, str]:
-        """What the view of the point in its middle keeps, to show the diagram along it."""
+        """State of the view of the point in its middle, which shows the diagram along it."""
         return {"direction": self.direction, "span": f"{self.either_way:.12g}"}
 
 
 @dataclass(frozen=True)
 class Family:
-    """What is known of one. of_plane, of_samples.
+    """Description of one family. of_plane, of_samples.
 
     Shares of the cells, and of the samples of all cells. borders: pairs of neighbouring cells of which one has it, by
     the curves that pass between them.
@@ -66,7 +66,14 @@ class Stored(NamedTuple):
 
 
 def stored(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
-    """What a store has of families, of this slice if there is a third axis. Blocks: for a thread.
+    """Return the families of a store, of this slice if there is a third axis.
+
+    Blocks: for a thread.
+
+    Returns
+    -------
+    Stored
+        The stored families.
 
     Raises
     ------
@@ -78,7 +85,7 @@ def stored(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
 
 
 def require_family(found: Stored, which: int) -> None:
-    """Raises SurveyError: there is no family of this number."""
+    """Raise SurveyError if there is no family of this number."""
     if which >= (size := found.table.sizes["family"]):
         raise SurveyError(
             f"There are families 0 to {size - 1} in this survey, and no {which}: leave it out of the address."
@@ -86,13 +93,13 @@ def require_family(found: Stored, which: int) -> None:
 
 
 def listed(found: Stored) -> list[str]:
-    """What the first families are called. Blocks: for a thread."""
+    """Return the names of the first families. Blocks: for a thread."""
     with reading("the families"):
         return names_of(*found, MOST_LISTED)
 
 
 def family_of(found: Stored, plane: Plane, which: int) -> Family:
-    """What is known of a family that there is; plane: the map of its share. Blocks: for a thread."""
+    """Return the description of an existing family; plane: the map of its share. Blocks: for a thread."""
     with reading("the families"):
         names = names_of(*found, which + 1)
         here = found.table.isel(family=which)
@@ -163,7 +170,7 @@ def in_words(found: Family, model: Model) -> str:
 
 
 def _borders(found: Family, model: Model) -> list[str]:
-    """Where it is born, and where it ends."""
+    """Return the borders at which it is born, and at which it ends."""
     edges = int(found.row["edges"])
     if not edges:
         return ["No other cell is beside its cells."]

@@ -39,7 +39,7 @@ ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
 class Known(NamedTuple):
-    """What is read of a survey, whatever its window.
+    """Families read from a survey, whatever its window.
 
     Names of its families, and of the one that is chosen all that is told, with its share in every cell; why: there is
     none of this number.
@@ -91,7 +91,7 @@ class Families:
         self._drawings.want(wanted, [job], partial(self._draw, view, job, window))
 
     def end(self) -> None:
-        """The page was closed."""
+        """Release the resources of a closed page."""
         self._drawings.stop()
 
     async def _draw(self, view: View, job: JobRow, window: Ranges | None) -> Show:

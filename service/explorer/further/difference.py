@@ -21,7 +21,7 @@ SAME, OTHER = "the_same", "different"
 
 
 def require_small(request: SurveyRequest) -> None:
-    """Raises SurveyError: a survey has too many cells for a difference, which is held in memory."""
+    """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
             f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {size:,}: "
@@ -30,7 +30,7 @@ def require_small(request: SurveyRequest) -> None:
 
 
 class Difference(Plane):
-    """What a map has more than another one, float32; of codes, whether they differ.
+    """Difference of two maps, float32; of codes, whether they differ.
 
     NaN where either has no value, status 0 where either is not computed or the other one does not reach.
 

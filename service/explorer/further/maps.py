@@ -84,6 +84,6 @@ class FurtherMaps:
         first.keep(further=(*first.view.further, added))
 
     def end(self) -> None:
-        """The page was closed."""
+        """Release the resources of a closed page."""
         for each in self._maps.values():
             each.end()

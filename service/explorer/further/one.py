@@ -42,7 +42,7 @@ MINUS = "first map less this one"
 
 @dataclass(frozen=True)
 class Around:
-    """What the first map shows, and the surveys that there are; surveys: as they are chosen, see `surveys_of`."""
+    """Surroundings of a comparison map: the first map, and the surveys, as they are chosen (see `surveys_of`)."""
 
     view: View
     window: Ranges
@@ -52,7 +52,7 @@ class Around:
 
 @dataclass(frozen=True)
 class Uses:
-    """What the first map does when this one is used."""
+    """Reactions of the first map when a comparison map is used."""
 
     point: Callable[[float, float], None]
     through: Callable[[float, float], None]
@@ -140,7 +140,7 @@ class FurtherMap:
             task.cancel()
 
     def _offer(self, further: Further, around: Around, job: JobRow) -> Further:
-        """The surveys and the maps that there are to choose from; what is shown where a survey has no such map."""
+        """Offer the surveys and the maps to choose from; return the choice, another one where a survey has no such map."""
         request = request_of(job)
         maps, number = names_of(request), sum(request.along(further.slice))
         chosen = Chosen(further.variable, further.index)
@@ -238,7 +238,7 @@ class FurtherMap:
         return f"<p class=faint>Picture: {links(further.survey, further.variable, query)}</p>"
 
     async def _draw_lines(self, plane: Plane, names: tuple[str, ...], window: Ranges) -> None:
-        """The lines of the first map, as they are of this one's gear."""
+        """Draw the lines of the first map, as they are of this one's gear."""
         model = plane.request.gear_model
         await self._shared.front.kernels.require(model.name, Part.CURVES, patience=float("inf"))
         for name in names:
@@ -271,7 +271,7 @@ class FurtherMap:
         self._viewer.change(lambda: self._title.progress(text))
 
     def _count(self) -> None:
-        """The shares of the key are those of what is seen."""
+        """Count the shares of the key, over the visible cells."""
         plane, seen, colours = self._plane, self._closer.seen, self._colours
         self._stop(self._counting)
         if plane is not None and seen is not None:
@@ -299,7 +299,7 @@ def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None,
 
 
 def key_of(shades: tuple[Shade, ...]) -> str:
-    """What colours mean, in HTML."""
+    """Return the meaning of colours, in HTML."""
     entries = "".join(
         f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'
         f'border:1px solid var(--strong-line)" aria-hidden="true"></span> {escape(each.label)}'

@@ -9,7 +9,7 @@ from gear_rattle.workers import SurveyRequest
 
 
 def request_of(job: JobRow) -> SurveyRequest:
-    """What was asked for, of a survey that is readable."""
+    """Return the request of a readable survey."""
     return SurveyRequest.model_validate(job.request)
 
 

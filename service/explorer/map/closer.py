@@ -1,4 +1,4 @@
-"""What is drawn of the window that is looked at, over the cells of a whole survey.
+"""Refine the visible window, over the cells of a whole survey.
 
 All of its cells, or finer ones that the workers compute while the viewer stays there and no longer.
 """
@@ -111,6 +111,7 @@ class Zoom:
         self._task = self._viewer.start(self._refine(plane, variable, index, window, pixels))
 
     def stop(self) -> None:
+        """Stop the refinement."""
         if self._task is not None:
             self._task.cancel()
             self._task = None

@@ -59,13 +59,13 @@ class Colouring:
 
 
 def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
-    """Which cells have no value, and the colour for each reason."""
+    """Return the cells without a value, and the colour for each reason."""
     variable = str(plane.plane.name)
     return valueless_layers(variable, block.values, block.status, without_value(plane.plane))
 
 
 def _share(block: Block, code: int, shown: np.ndarray, computed: int) -> float:
-    """Of the computed cells of the survey, also where several of them are drawn as one."""
+    """Return a code's share of the computed cells, also where several of them are drawn as one."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
@@ -135,14 +135,14 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool, room
 
 
 def _names(variable: str, block: Block, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """What is written on a map, and where: the names of regions, and of families on their largest pieces."""
+    """Return the names written on a map, and their places: regions, and families on their largest pieces."""
     if variable == "region":
         return region_places(block.values, block.delta, block.epsilon)
     return family_places(block, labels, room) if variable == LARGEST else {}
 
 
 def family_places(block: Block, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Where the names of families are written, by their codes, in so much room: none over another one."""
+    """Return the places of the names of families, by their codes, in so much room: none over another one."""
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
@@ -163,7 +163,7 @@ def family_places(block: Block, labels: Mapping[float, str], room: Room) -> dict
 
 
 def _short(label: str) -> str:
-    """The number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
+    """Return the number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
     number, is_numbered, name = label.partition(": ")
     return f"{number}: {name.split(' = ')[-1]}" if is_numbered else label
 

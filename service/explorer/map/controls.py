@@ -22,7 +22,7 @@ OWN, LOG = "own", "log scale"
 
 @dataclass(frozen=True)
 class Uses:
-    """What is called when a viewer has used a control."""
+    """Functions called when a viewer has used a control."""
 
     variable: Callable[[], None]
     index: Callable[[], None]
@@ -91,7 +91,9 @@ class Controls:
         return rule if rule in LIMITS else "auto"
 
     def limits(self, shown: Limits | Pair, colours: Colouring | None) -> Limits | Pair | None:
-        """What colours shall span, where they span this; None: nothing is shown whose limits could be taken over."""
+        """Return the range of colours where the map has this one; None: nothing is shown whose limits could be taken
+        over.
+        """
         if self.rule is not None:
             return self.rule
         if isinstance(shown, tuple) or colours is None:
@@ -100,7 +102,7 @@ class Controls:
 
     @property
     def log(self) -> bool:
-        """Whether colours are on a log scale."""
+        """True if colours are on a log scale."""
         return bool(self._log.value)
 
     @property
@@ -116,13 +118,13 @@ class Controls:
         return low, high
 
     def offer_variables(self, names: Iterable[str], chosen: str) -> None:
-        """The variables that a survey has."""
+        """Offer the variables of a survey."""
         with self._watch.paused():
             self._variable.options = {name.replace("_", " "): name for name in names}
             self._variable.value = chosen
 
     def offer_indices(self, names: Sequence[object], chosen: int) -> None:
-        """The indices of a variable, none if it has no such dimension."""
+        """Offer the indices of a variable, none if it has no such dimension."""
         with self._watch.paused():
             self._index.visible = bool(names)
             self._index.options = {str(name): number for number, name in enumerate(names)}
@@ -130,7 +132,7 @@ class Controls:
                 self._index.value = chosen
 
     def offer_slices(self, request: SurveyRequest, chosen: int) -> None:
-        """The slices of a survey, none without a third axis."""
+        """Offer the slices of a survey, none without a third axis."""
         with self._watch.paused():
             self._slice.visible = bool(request.third)
             for name, axis in request.third_axis.items():
@@ -138,7 +140,7 @@ class Controls:
                 self._slice.param.update(end=axis.num - 1, value=chosen, label=label)
 
     def show_limits(self, limits: Limits | Pair, colours: Colouring | None) -> None:
-        """What colours span, where they are continuous."""
+        """Show the range of colours, where they are continuous."""
         continuous, own = colours is not None and not colours.categorical, isinstance(limits, tuple)
         with self._watch.paused():
             self._rule.value = OWN if own else limits

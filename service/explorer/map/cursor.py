@@ -37,7 +37,7 @@ class History:
         self._after: list[Ranges | None] = []
 
     def leave(self, window: Ranges | None) -> None:
-        """This window gives way to one that the viewer has chosen."""
+        """Remember this window when it gives way to one that the viewer has chosen."""
         self._before = [*self._before, window][-MOST_WINDOWS:]
         self._after = []
 
@@ -58,7 +58,7 @@ class History:
 
 
 class Cursor:
-    """What the keys of one page do.
+    """Keyboard control of one page.
 
     `where` says what is shown: the map, its window and the point that is open; `look` is told of the cell that the keys
     have come to, `go` of a new window; `do` has the other words of keyboard.js.
@@ -113,13 +113,13 @@ class Cursor:
 
 
 def middle(window: Ranges) -> Pair:
-    """Where a cursor begins."""
+    """Return the start of a cursor."""
     (left, right), (bottom, top) = window
     return (left + right) / 2, (bottom + top) / 2
 
 
 def stepped(plane: Plane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Where a cursor is after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
+    """Return the cursor after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
     return (
         _along(plane.delta, at[0], window[0], steps[0], steps[2]),
         _along(plane.epsilon, at[1], window[1], steps[1], steps[3]),

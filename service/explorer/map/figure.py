@@ -171,7 +171,7 @@ class Map:
         self._hide_what_is_too_large(delta)
 
     def moved(self, delta: Pair) -> None:
-        """The viewer has moved to this range of δ."""
+        """Follow the viewer to this range of δ."""
         self._hide_what_is_too_large(delta)
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
@@ -186,7 +186,7 @@ class Map:
 
     @property
     def is_too_close(self) -> bool:
-        """Whether the cells of the survey are too large to be drawn."""
+        """True if the cells of the survey are too large to be drawn."""
         return not self._fits
 
     @property
@@ -229,10 +229,12 @@ class Map:
         glyphs.empty(self._others)
 
     def no_frame(self) -> None:
+        """Remove the frame."""
         self._frame = None
         self._show_frame()
 
     def no_cells(self) -> None:
+        """Remove the cells, and the frame."""
         self.no_frame()
         for source in (self._values, self._reasons, self._names):
             glyphs.empty(source)
@@ -321,7 +323,7 @@ class Map:
 
 
 def _spans() -> tuple[Range1d, Range1d]:
-    """The plane of the paper."""
+    """Return the plane of the paper."""
     delta, epsilon = (
         Range1d(start=low, end=high, min_interval=axes.NARROWEST) for low, high in ((0.4, 1.0), (0.0, 0.3))
     )
@@ -336,7 +338,7 @@ def _put(source: ColumnDataSource, point: Pair | None) -> None:
 
 
 def image_at(box: Ranges) -> dict[str, list[float]]:
-    """Where Bokeh puts an image that covers this."""
+    """Return the position of an image that covers this box, in Bokeh's terms."""
     (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}
 

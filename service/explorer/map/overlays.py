@@ -203,7 +203,9 @@ def _not_of(model: Model) -> str:
 
 
 def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread.
+    """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
+
+    For a thread.
     """
     if name not in model.curve_names:
         return [], _not_of(model)

@@ -1,4 +1,4 @@
-"""What map.png, map.svg and map.pdf are asked for to be a map as it is seen."""
+"""Parameters of map.png, map.svg and map.pdf that draw a map as it is seen."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FORMS = ("png", "svg", "pdf")
 
 
 class AsSeen(NamedTuple):
-    """What a view leaves to the page.
+    """Settings that a view leaves to the page.
 
     What colours span, None of codes, whether in the logarithm, and of a window the pixels that it has.
     """
@@ -27,7 +27,7 @@ class AsSeen(NamedTuple):
 
     @classmethod
     def of(cls, colours: Colouring, pixels: Room | None) -> AsSeen:
-        """What is seen in these colours."""
+        """Return the settings of a map in these colours."""
         return cls(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 

@@ -98,7 +98,7 @@ class Plane:
             return True
 
     def _bands(self, fresh: set[int]) -> Iterator[list[int]]:
-        """These tiles, and where most of some rows of tiles are among them the rows: fewer and larger readings."""
+        """Yield these tiles by rows, and whole rows where most of their tiles are needed: fewer and larger readings."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
@@ -118,7 +118,7 @@ class Plane:
 
     @property
     def box(self) -> Ranges:
-        """What the cells cover."""
+        """Box that the cells cover."""
         return box_of(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
@@ -126,13 +126,18 @@ class Plane:
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
     def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> Block:
-        """Return the cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon).
+        """Return the cells in a window, or all, as they are drawn with so many pixels along (delta, epsilon).
 
         Parameters
         ----------
         anywhere : bool
             Of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that is
             kept.
+
+        Returns
+        -------
+        Block
+            The block.
         """
         (j, end_j), (i, end_i) = (
             _within(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
@@ -239,7 +244,9 @@ def _cells_of(part: Part) -> tuple[slice, slice]:
 
 
 def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
-    """The first cell along an axis that lies in a span, and the one after the last; the nearest of an empty span."""
+    """Return the first cell along an axis that lies in a span, and the one after the last; the nearest of an empty
+    span.
+    """
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     first, end = (int(each) for each in np.searchsorted(axis, (span[0] - half, span[1] + half)))
     first = min(first, axis.size - 1)
@@ -247,19 +254,19 @@ def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
 
 
 def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """What cells of a level cover, or of the map itself."""
+    """Return the range that cells of a level cover, or of the map itself."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
 def window_of(request: SurveyRequest) -> Ranges:
-    """What the cells of a plane that is asked for will cover."""
+    """Return the box that the cells of a requested plane will cover."""
     return box_of(request.delta.values(), request.epsilon.values())
 
 
 def box_of(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
-    """What cells cover: half a cell more on each side."""
+    """Return the box that cells cover: half a cell more on each side."""
     dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
     return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))
 
@@ -273,7 +280,7 @@ def _nearest(axis: np.ndarray, value: float) -> int | None:
 
 
 def cells_at(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Indices of the cells along an axis that hold values, −1 beyond the ends."""
+    """Return the indices of the cells along an axis that hold values, −1 beyond the ends."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
     return np.where((found >= 0) & (found < axis.size), found, -1)

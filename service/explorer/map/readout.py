@@ -66,7 +66,7 @@ def readout(
 
 
 def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
-    """Of a cell that is outside of the window: how far from the point its numbers are."""
+    """Return how far from the point the numbers of a cell outside of the window are."""
     away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
     if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
         return ""
@@ -74,7 +74,7 @@ def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> 
 
 
 def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float) -> Row | None:
-    """What a finer map shows at a point: the map in words, and the value."""
+    """Return the value of a finer map at a point: the map in words, and the value."""
     value = finer.at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
@@ -83,7 +83,7 @@ def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float)
 
 
 def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges, finer: Block | None = None) -> str:
-    """Where a cell is, and what the map shows there: a sentence to be read out."""
+    """Return a cell's place and its value on the map: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
     if (here := finer_value(plane, finer, delta, epsilon)) is not None:
         return f"{place}: {', '.join(here)}"

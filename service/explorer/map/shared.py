@@ -1,4 +1,4 @@
-"""What all pages of an application have in common."""
+"""State that all pages of an application share."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
 
 
 class WithoutSurvey(Protocol):
-    """What is known without any survey, as `Atlas` has the maps of surveys."""
+    """Closed-form maps, known without any survey, as `Atlas` has the maps of surveys."""
 
     request: SurveyRequest
 
@@ -71,7 +71,7 @@ class WithoutSurvey(Protocol):
 
 
 def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
-    """Of surveys, newest first, the one that a page shows which was not asked for any: one with something to show."""
+    """Return the survey, newest first, that a page shows which names none: one with something to show."""
     readable = [job for job in jobs if job.is_readable]
     shown = (job for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
     return next(shown, readable[0] if readable else None)
@@ -79,7 +79,7 @@ def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
 
 @lru_cache(maxsize=KEPT)
 def drawn(plane: ReferenceType[Plane], limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
-    """What is drawn of a map that stays as it is, by reference: the atlas alone keeps maps."""
+    """Return the drawn cells of a map that stays as it is, by reference: the atlas alone keeps maps."""
     there = plane()
     assert there is not None  # whoever asks has it
     return _drawn(there, limits, log, room)
@@ -92,7 +92,7 @@ def _drawn(plane: Plane, limits: Limits | Pair, log: bool, room: Room) -> tuple[
 
 @dataclass(frozen=True)
 class Shared:
-    """What all pages of an application have in common. `looked` is called when a page has a map, in the event loop."""
+    """State that all pages of an application share. `looked` is called in the event loop when a page has a map."""
 
     front: Front
     news: News

@@ -123,7 +123,7 @@ class MapView:
 
     @property
     def seen(self) -> AsSeen | None:
-        """What is drawn beside what the view tells; None if nothing is."""
+        """Drawn settings beside the view's; None if nothing is drawn."""
         return AsSeen.of(self._colours, self.map.pixels if self._zoomed else None) if self._colours else None
 
     @property
@@ -148,7 +148,7 @@ class MapView:
         self._follow(job)
 
     def follow(self, standing: Standing | None) -> None:
-        """The survey that is shown may have more to show."""
+        """Follow the survey that is shown: it may have more to show."""
         if standing is not None:
             self._follow(standing.job)
         elif self.view.survey and self._gone != self.view.survey:
@@ -181,7 +181,7 @@ class MapView:
             self._drawing = self._viewer.start(self._keep_drawing())
 
     def _offer(self, request: SurveyRequest) -> None:
-        """The maps that a survey has."""
+        """Offer the maps that a survey has."""
         self._whole = request
         maps = maps_of(request)
         self._cut(request, self.view.slice)
@@ -194,7 +194,7 @@ class MapView:
         self._offer_index()
 
     def _cut(self, whole: SurveyRequest, number: int) -> None:
-        """The plane that is shown: of a third axis one slice."""
+        """Choose the plane that is shown: of a third axis one slice."""
         along = whole.along(number)
         self._request = whole.at(along)
         self._lines.tell(self.model, (whole.delta.start, whole.delta.stop))
@@ -302,14 +302,14 @@ class MapView:
         self._shared.looked()
 
     def _tell_seen(self) -> None:
-        """The links to pictures are of what is seen."""
+        """Set the links to pictures of the visible map."""
         if self.seen != self._told:
             self._told = self.seen
             self._remember(self.view)
 
     @property
     def _is_computed(self) -> bool:
-        """Whether the survey that is shown is at work."""
+        """True if the survey that is shown is being computed."""
         return self._job is not None and self._job.state == State.RUNNING
 
     def show_usual_variable(self) -> None:
@@ -383,7 +383,7 @@ class MapView:
             self.moved(*window)
 
     def moved(self, delta: Pair, epsilon: Pair) -> None:
-        """The viewer has moved to this window; of maps with one window each of them tells."""
+        """Follow the viewer to this window; of maps with one window each of them tells."""
         if (delta, epsilon) == self._zoomed:
             return
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
@@ -428,7 +428,7 @@ class MapView:
             self._closer.show(self._plane, self.view.variable, self.view.index, self._zoomed)
 
     def _count(self) -> None:
-        """The shares of the key are those of what is seen."""
+        """Count the shares of the key, over the visible cells."""
         plane, view, seen = self._plane, self.view, self._closer.seen
         if plane is not None and seen is not None:
             self._lines.count(lambda: colouring(plane, seen(), view.limits, view.log).shades)

@@ -174,7 +174,7 @@ class Form:
         }
 
     def _plain_fields(self) -> dict[str, Any]:
-        """The axes and the model in the model's own numbers."""
+        """Return the axes and the model in the model's own numbers."""
         axes = {
             name: {"start": start.value, "stop": stop.value, "num": num.value}
             for name, (start, stop, num) in self.axes.items()

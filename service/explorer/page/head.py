@@ -44,5 +44,5 @@ def head_of(pages: Pages) -> str:
 
 
 def body_of(page: str) -> str:
-    """What follows the head in a page that Bokeh has written."""
+    """Return the text after the head of a page that Bokeh has written."""
     return page.partition("</head>")[2]

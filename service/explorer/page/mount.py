@@ -1,4 +1,4 @@
-"""Where the page is in the application: its routes, and the Bokeh application behind them, loaded once in a thread."""
+"""Mount the page in the application: its routes, and the Bokeh application behind them, loaded once in a thread."""
 
 from __future__ import annotations
 
@@ -146,7 +146,10 @@ class Explorer:
             self._warming = asyncio.create_task(prepare(self._front))
 
     async def _first(self, _request: Request) -> Response:
-        """What asks for a page, which takes memory until its browser leaves: nobody gets one who runs no script."""
+        """Answer the first request of a page, which takes memory until its browser leaves.
+
+        A client that runs no script gets no page.
+        """
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)
 

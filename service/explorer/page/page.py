@@ -145,7 +145,7 @@ class Page:
             self._map.choose(self._standings[survey_id].job)
 
     def _remember(self, view: View) -> None:
-        """The URL that reproduces what is shown."""
+        """Remember the view in the URL that reproduces it."""
         self._show_address()
         self._follow()
         if self._standings:
@@ -153,7 +153,7 @@ class Page:
             self._list.rows = [row_of(each, view, owns(each.job), self._map.seen) for each in self._standings.values()]
 
     def _follow(self) -> None:
-        """What belongs to the map is of the same survey."""
+        """Follow the map: the parts that belong to it show the same survey."""
         view = self._map.view
         standing = self._standings.get(view.survey)
         job = standing.job if standing else None
@@ -222,7 +222,7 @@ class Page:
             self._opened_form().fill_sample(self._request(view.survey))
 
     def _request(self, survey_id: str) -> SurveyRequest:
-        """Of a survey with a third axis, that of the slice that is shown."""
+        """Return the request of a survey; with a third axis that of the visible slice."""
         request, view = SurveyRequest.model_validate(self._standings[survey_id].job.request), self._map.view
         return request.at(request.along(view.slice if survey_id == view.survey else 0))
 
@@ -269,7 +269,7 @@ class Page:
         self._viewer.change(write)
 
     def end(self) -> None:
-        """The browser has left."""
+        """Release the resources after the browser has left."""
         self._shared.news.leave(self._on_news)
         self._map.end()
         self._further.end()

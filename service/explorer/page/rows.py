@@ -44,7 +44,7 @@ def row_of(standing: Standing, view: View, owned: bool, seen: AsSeen | None = No
 
 
 def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
-    """The size of a survey, and what was asked."""
+    """Return the size of a survey, and its requested values."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
         *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
@@ -60,12 +60,14 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
 
 
 def _values(given: Any) -> str:
-    """A parameter that is one number, or an axis."""
+    """Return a parameter that is one number, or an axis."""
     return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"
 
 
 def machine_facts(request: SurveyRequest) -> list[list[str]]:
-    """Return the speeds and eccentricities of a survey of a machine, and its other numbers; nothing of another survey.
+    """Return the speeds and eccentricities of a survey of a machine, and its other numbers.
+
+    Nothing of another survey.
     """
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:

@@ -43,7 +43,7 @@ class SampleFields:
         )  # fmt: skip
 
     def box(self) -> dict[str, Any]:
-        """Of the initial conditions."""
+        """Return the box of the initial conditions."""
         return {"tau_min": self._tau_min.value, "tau_max": self._tau_max.value, "v_min": self._v_min.value}
 
     def slots(self) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class SampleFields:
 
 
 class RefineFields:
-    """Whether cells are filled where nothing differs about them, and how many of those are computed all the same."""
+    """Fields of adaptive refinement, and of its audit fraction."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -77,7 +77,7 @@ class RefineFields:
         self.panel = pn.Column(*self.widgets, sizing_mode="stretch_width", margin=0)
 
     def fields(self) -> dict[str, Any]:
-        """Of a request."""
+        """Return the fields of a request."""
         return {"refine": {"audit": self._audit.value} if self._chosen.value else None}
 
     def fill(self, request: SurveyRequest) -> None:

@@ -79,7 +79,7 @@ class Beforehand(ExactPlane):
 
 
 def _thinned(request: SurveyRequest) -> SurveyRequest:
-    """The closed forms of a survey on as many cells as are drawn at once."""
+    """Return the closed forms of a survey on as many cells as are drawn at once."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
     )
@@ -122,7 +122,7 @@ class Exact:
 
 
 def _dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
-    """What is asked of cells, or some of it, as an open survey has it."""
+    """Return the requested variables of cells, or some of them, as an open survey has them."""
     every = [each for each in held(ASKED.quantities, ASKED.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}

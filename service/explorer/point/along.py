@@ -43,7 +43,7 @@ class Along:
 
     @property
     def is_away(self) -> bool:
-        """Whether another place than the point is looked at."""
+        """True if another place than the point is shown."""
         return self.gear is not self._own
 
     def offer(self, chosen: PointState) -> None:

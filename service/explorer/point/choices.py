@@ -1,4 +1,4 @@
-"""What a viewer chooses to see of a point: one of its motions, and along which axis its diagram is."""
+"""Choices of a viewer at a point: one of its motions, and the axis of its diagram."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Choices:
         panel.on_tap, panel.on_motion, panel.on_direction = self._on_tap, self._on_motion, self._on_direction
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
-        """The attractors, as soon as they are known."""
+        """Offer the attractors, as soon as they are known."""
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)
@@ -73,7 +73,7 @@ class Choices:
             self._find_yield(self._chosen.tolerance)
 
     def _offer_motions(self) -> None:
-        """The attractors, and what was clicked, as choices."""
+        """Offer the attractors, and the clicked motion, as choices."""
         options = {f"{i + 1}. {name_of(each)}": i for i, each in enumerate(self._attractors)}
         value = self._attractor if options else None
         if self._chosen.start is not None:
@@ -90,7 +90,7 @@ class Choices:
 
     @property
     def is_away(self) -> bool:
-        """Whether basins of another place than the point are looked at."""
+        """True if basins of another place than the point are shown."""
         return self._along.is_away
 
     def _looked(self, at: float | None) -> None:
@@ -103,14 +103,14 @@ class Choices:
 
     @property
     def _parameter(self) -> float:
-        """Where on the axis of the diagram is what is looked at."""
+        """Position of the visible place on the axis of the diagram."""
         if self._chosen.to is not None:
             return self._chosen.at or 0.0
         gear = self._along.gear
         return gear.epsilon if self._chosen.direction == "epsilon" else gear.delta
 
     def _shown_attractor(self) -> rattle.Attractor | None:
-        """The attractor that is chosen; at another place the one of its name there, or the first that rattles."""
+        """Return the chosen attractor; at another place the one of its name there, or the first that rattles."""
         own = self._attractors[self._attractor] if self._attractors else None
         if not self.is_away:
             return own
@@ -119,11 +119,11 @@ class Choices:
         return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
 
     def _asked(self) -> tuple[object, ...]:
-        """What a motion is of."""
+        """Return the identity of the chosen motion."""
         return self._chosen.attractor, self._chosen.start, self._along.gear
 
     def show_motion(self) -> None:
-        """The motion that is chosen."""
+        """Show the chosen motion."""
         part = self._work.part(self._panel.under_motion, self._one_motion)
         self._motion = self._work.start(part, self._motion)
 
@@ -202,7 +202,7 @@ class Choices:
         await self._work.change(show)
 
     async def one_diagram(self) -> None:
-        """The diagram in the direction that is chosen."""
+        """Show the diagram in the chosen direction."""
         direction, span, to = self._chosen.direction, self._chosen.span, self._chosen.to
         found: DiagramLines = await self._work.compute(
             parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True

@@ -88,13 +88,13 @@ class DiagramPicture:
 
 
 def _what(marks: Marks, i: int) -> str:
-    """An event in words: what happens to which motion, and the curve of the plane that it is on."""
+    """Return an event in words: its kind, its motion, and the curve of the plane that it is on."""
     name = f"{marks.name[i]}, " if marks.name[i] else ""
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
 def along(found: DiagramLines) -> str:
-    """What a diagram is along."""
+    """Return the name of a diagram's axis."""
     if found.to is None:
         return NAMES[found.direction]
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
@@ -134,7 +134,7 @@ def caption(found: DiagramLines) -> str:
 
 
 def legend(found: DiagramLines) -> str:
-    """What the markers mean, in HTML."""
+    """Return the meaning of the markers, in HTML."""
     kinds = [kind for kind in MARKERS if kind in found.marks.kind]
     parts = [
         f'<li><span style="color:{EVENT}" aria-hidden="true">{SIGNS[kind]}</span> {MEANINGS[kind]}</li>'

@@ -1,4 +1,4 @@
-"""What the view of one parameter point computes: functions of a gear that processes of their own can run."""
+"""Compute the view of one parameter point: functions of a gear that other processes can run."""
 
 from __future__ import annotations
 
@@ -45,8 +45,9 @@ class PeriodOne(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """The least impact that loses quiet motion, as `Gear.boundary_distance`, what that impact leads to, and up to which
-    speed one was looked for.
+    """Least impact that ends quiet motion, as `Gear.boundary_distance`.
+
+    With the motion that it leads to, and the speed up to which it was searched.
     """
 
     v: float
@@ -203,8 +204,14 @@ def diagram(
     steps: int | None = None,
     count: int | None = None,
 ) -> DiagramLines:
-    """Return the one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for;
-    or from there to another point (δ, ε).
+    """Return the one-parameter diagram through the point, along "epsilon" or "delta", or to another point.
+
+    As far either way as requested; or from there to another point (δ, ε).
+
+    Returns
+    -------
+    DiagramLines
+        The lines of the diagram.
     """
     from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
     from rattle.plot import name_of as name_of_type
@@ -260,7 +267,7 @@ def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
 
 
 def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
-    """What is looked at of a gear beside the point's own."""
+    """Return the basins and orbits of a gear beside the point's own."""
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
     return Elsewhere(basins(gear, side, method), orbits)
 

@@ -1,4 +1,4 @@
-"""What the URL of a parameter point's view keeps: which motion is shown, which diagram, and tolerances."""
+"""State of a point's view in the URL: its motion, its diagram, and tolerances."""
 
 from __future__ import annotations
 
@@ -144,9 +144,15 @@ def stands_for(
 
 
 def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
-    """Where the point that is open is on the map of a survey, if it is one of this plane, or the place on its diagram's
-    way that is looked at, and the lines (k, 2) about it, NaN between them: its tolerances, and the way that its
-    diagram goes to another point.
+    """Return the marks of the open point on the map of a survey.
+
+    Its place if it is one of this plane, or the place on its diagram's way that is shown, and the lines (k, 2) about
+    it, NaN between them: its tolerances, and the way that its diagram goes to another point.
+
+    Returns
+    -------
+    tuple[Pair | None, np.ndarray | None]
+        The point, and the lines; None without them.
     """
     if view.point is None:
         return None, None

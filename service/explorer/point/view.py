@@ -116,7 +116,7 @@ class PointView(param.Parameterized):
                 self._work.start(self._work.part(panel.orbits, self._closed_form))
 
     async def _fill(self) -> None:
-        """What is quick first; one slow part after the other, so that the next click is answered at once.
+        """Fill the quick parts first, then the slow ones one by one, so that the next click is answered at once.
 
         Pictures come after the words: to make them takes the service, and to lay them out a browser, a while.
         """
@@ -206,7 +206,7 @@ class PointView(param.Parameterized):
         await self._work.change(show)
 
     def _show_own(self) -> None:
-        """What is known by now, after another place was looked at."""
+        """Show the known results, after another place was shown."""
         if self._basins is not None:
             self._show_cells(self._basins)
         if self._lines is not None:

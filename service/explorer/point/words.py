@@ -55,7 +55,7 @@ def pair(values: tuple[complex, complex] | None) -> str:
 
 
 def motion(attractor: rattle.Attractor, letter: str = "") -> str:
-    """What a motion that is not quiet is called in a sentence."""
+    """Return the name of a motion that is not quiet, in a sentence."""
     if attractor.kind == "chaotic":
         return "chaotic, without a period"
     if attractor.kind == "undecided":
@@ -67,7 +67,7 @@ def motion(attractor: rattle.Attractor, letter: str = "") -> str:
 
 
 def where(gear: AnyGear) -> str:
-    """What closed forms say of the point, at once."""
+    """Return the closed-form description of the point."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
     model = model_at(gear)
@@ -177,7 +177,7 @@ def orbits_table(found: PeriodOne) -> str:
 
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
-    """Where this point is as a notebook, with the diagram that is shown."""
+    """Return the link to this point as a notebook, with the diagram that is shown."""
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])

@@ -95,9 +95,14 @@ class Work:
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
     ) -> Result:
-        """What a function returns, from a process of its own. Slow ones never take all processes.
+        """Return the result of a function, from a process of its own. Slow ones never take all processes.
 
         Raises UnavailableError.
+
+        Returns
+        -------
+        Result
+            The result.
         """
         part = Part.ATTRACTORS if compute is parts.chances else Part.POINT
         await self.kernels(part)

@@ -54,7 +54,7 @@ def _told(found: Profile, value: float) -> str:
 
 
 def spanned(found: Profile) -> Pair:
-    """What the axis of values spans unless a viewer says otherwise: all codes, or all values."""
+    """Return the default range of the axis of values: all codes, or all values."""
     if found.names:
         return min(found.names) - 0.5, max(found.names) + 0.5
     known = found.values[np.isfinite(found.values)].astype(float)

@@ -1,4 +1,4 @@
-"""What a map has along a line in the plane: the values of the cells that the line crosses."""
+"""Profile of a map along a line in the plane: the values of the cells that the line crosses."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Profile:
 
 
 def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a line goes from one cell into the next, (k + 1,) from 0 to 1, and row and column (k,) of its cells.
+    """Return the crossings of a line from one cell into the next, and the cells.
 
     Beyond it rows and columns are −1.
 
@@ -44,6 +44,11 @@ def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray
     ----------
     box : Ranges
         What these rows and columns of cells of one size cover.
+
+    Returns
+    -------
+    tuple[np.ndarray, np.ndarray, np.ndarray]
+        Crossings (k + 1,) from 0 to 1, and row and column (k,) of the cells.
     """
     (x, y), (to_x, to_y) = ends
     ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))
@@ -64,7 +69,7 @@ def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray
 
 
 def profile_of(plane: Plane, ends: Ends) -> Profile:
-    """What a map has along a line from one point (δ, ε) to another. Blocks: for a thread."""
+    """Return the profile of a map along a line from one point (δ, ε) to another. Blocks: for a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), ROOM)
     shape = block.values.shape

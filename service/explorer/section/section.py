@@ -30,7 +30,7 @@ NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."
 
 
 class Section:
-    """What stands above the diagram.
+    """Profile above the diagram.
 
     `keep` remembers what is chosen in the view, `go_through` has the diagram drawn from the open point to another one.
     """
@@ -147,7 +147,7 @@ class Section:
 
 
 def _offered(request: SurveyRequest, view: View) -> tuple[Chosen, dict[str, str]]:
-    """The map whose profile is shown, that which is seen unless a viewer has chosen another one, and all others."""
+    """Return the map whose profile is shown, the visible one unless a viewer has chosen another, and all others."""
     options = {words: chosen.written for words, chosen in names_of(request).items()}
     for chosen in (view.profile, Chosen(view.variable, view.index)):
         if chosen is not None and chosen.written in options.values():

@@ -1,4 +1,4 @@
-"""What models add to δ, ε and β, as parameters of a query and as fields of an answer."""
+"""Parameters that models add to δ, ε and β, in queries and answers."""
 
 from __future__ import annotations
 

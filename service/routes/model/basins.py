@@ -44,7 +44,7 @@ async def basins(
         float | None, Query(gt=0, allow_inf_nan=False, description="largest speed; by default as in the paper")
     ] = None,
 ) -> Response:
-    """Of a point, or of a machine in SI units; speeds are the model's.
+    """Draw the basins of a point, or of a machine in SI units; speeds are the model's.
 
     Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model).
     """

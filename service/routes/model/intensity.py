@@ -96,7 +96,7 @@ async def intensity(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Intensities:
-    """Of a point, or of a machine in SI units. Periodic motions are exact, chaotic ones have error bars."""
+    """Answer for a point, or for a machine in SI units. Periodic motions are exact, chaotic ones have error bars."""
     require_few(front, count)
     found = await in_turn(
         front,

@@ -100,7 +100,7 @@ async def place_of_query(
 
 
 def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
-    """These numbers. Raises RequestValidationError, as any other parameter of a query does, on what is not given."""
+    """Return these numbers. Raises RequestValidationError, as other parameters of a query do, on a missing one."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
@@ -116,7 +116,7 @@ PlaceQuery = Annotated[Place, Depends(place_of_query)]
 
 
 class Units(BaseModel):
-    """What one unit of the model is; multiply by it. null: beyond double precision."""
+    """Size of one unit of the model; multiply by it. null: beyond double precision."""
 
     length: float | None = Field(description="m, of Φ along the line of action")
     time: float | None = Field(description="s, a forcing period: a revolution")

@@ -36,7 +36,7 @@ async def notebook(
     to_delta: Annotated[float | None, positive("the diagram goes from the point to this damping instead …")] = None,
     to_epsilon: Annotated[float | None, positive("… and this eccentricity", zero=True)] = None,
 ) -> Response:
-    """Of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram.
+    """Write a notebook of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram.
 
     Nothing is computed here.
     """

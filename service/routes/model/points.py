@@ -143,7 +143,7 @@ class Attractors(Point):
     responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def orbits(front: FrontState, place: PlaceQuery) -> Orbits:
-    """Of a point, or of a machine in SI units."""
+    """Answer for a point, or for a machine in SI units."""
     gear = place.gear
     model = model_at(gear)
     if model.in_closed_form:
@@ -191,7 +191,7 @@ async def attractors(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Attractors:
-    """Of a point, or of a machine in SI units."""
+    """Answer for a point, or for a machine in SI units."""
     gear = place.gear
     require_few(front, count)
     found = await in_turn(

@@ -1,4 +1,4 @@
-"""Which attractors given states of one parameter point go to."""
+"""Attractors that given states of one parameter point go to."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Speed = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Reached(Point):
-    """Where states of one parameter point go."""
+    """Destinations of states of one parameter point."""
 
     attractors: list[AttractorDocument] = Field(description="by falling share of these states")
     which: list[int] = Field(description="for each state, the number of its attractor in this list, from 0")
@@ -52,7 +52,7 @@ async def reached(
         ),
     ],
 ) -> Reached:
-    """tau and v are repeated, once for each state. Of a point, or of a machine in SI units."""
+    """Answer for a point, or for a machine in SI units; tau and v are repeated, once for each state."""
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit} states here; use the library.")

@@ -1,4 +1,4 @@
-"""Which levels a survey has, and the blocks that they are made in."""
+"""Define the levels of a survey, and the blocks that they are made in."""
 
 import math
 from collections.abc import Iterable

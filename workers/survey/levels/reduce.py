@@ -1,4 +1,4 @@
-"""What several cells have together: codes, numbers and phases of rectangles of cells, in one number each.
+"""Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
 Every function takes values (m, n), which cells are `known` (m, n), and for one level after the other how many cells
 of the level before, 1 or 2 along each axis, become one; it yields what each level has. Levels follow from the cells,
@@ -19,7 +19,7 @@ STATISTICS = ("mean", "least", "largest", "share")
 
 
 class Codes(NamedTuple):
-    """Of cells with codes (m, n): the most frequent, the lowest of several, and its share; a bit for each that occurs.
+    """Reduced codes of cells (m, n): the most frequent, the lowest of several, its share, and a bit for each code.
 
     Where no cell is known these are 0, NaN and 0.
     """
@@ -57,7 +57,7 @@ def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: 
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
-    """What has a bit for each of so many codes."""
+    """Return the type that has a bit for each of so many codes."""
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 
 

@@ -1,4 +1,4 @@
-"""What a store has of levels: a group for each, its arrays, and what says how they belong together."""
+"""Describe the levels of a store: a group for each, its arrays, and how they belong together."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -53,7 +53,7 @@ def maps(request: SurveyRequest) -> list[Quantity]:
 
 
 def meanings(quantity: Quantity) -> tuple[str, ...]:
-    """What the codes of a variable mean; nothing of one with numbers."""
+    """Return the meanings of the codes of a variable; none for one with numbers."""
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
@@ -126,7 +126,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
 
 
 def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """As the convention has it: along (epsilon, delta), relative to the level before, the first one to the survey."""
+    """Yield the convention's entry of each level: along (epsilon, delta), relative to the level before it."""
     for level, step in zip(levels, steps_of(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]

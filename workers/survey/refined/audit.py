@@ -1,4 +1,4 @@
-"""Which cells of a refined survey are computed though they could be filled, and what these tell of the others."""
+"""Audit a refined survey: the cells computed though they could be filled, and the conclusions for the others."""
 
 from collections.abc import Sequence
 
@@ -31,10 +31,15 @@ def draws(blocks: Blocks, seed: int) -> np.ndarray:
 
 
 def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
-    """What a store says, by the names of TOLD, of what each slice has filled and audited, and what disagreed there.
+    """Return the entries of a store, by the names of TOLD, about each slice's filled and audited cells.
 
     All slices audit the same places, so together they are no larger a sample: the bound is the largest of theirs. Where
     nothing is filled, nothing is wrong.
+
+    Returns
+    -------
+    dict[str, int | float]
+        The entry of each name.
     """
     upper = max(upper_share(disagreed, audited) if filled else 0.0 for filled, audited, disagreed in counts)
     return dict(zip(TOLD, (*map(sum, zip(*counts, strict=True)), upper), strict=True))

@@ -63,7 +63,7 @@ class Blocks:
 
     @cached_property
     def corners(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where each block begins in the frame (blocks,)."""
+        """First row and column of each block in the frame (blocks,)."""
         down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
         return np.repeat(down, right.size), np.tile(right, down.size)
 

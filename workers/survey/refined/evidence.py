@@ -1,4 +1,4 @@
-"""What is known of the cells of a tile while it is refined: their regions, samples, and the orbits that exist."""
+"""Knowledge of the cells of a tile while it is refined: their regions, samples, and existing orbits."""
 
 from __future__ import annotations
 
@@ -109,12 +109,17 @@ class Evidence:
         return found
 
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Which audited cells of leaves have something else than the edges of their leaf tell.
+        """Return flags of the audited cells of leaves that differ from the edges of their leaf.
 
         Parameters
         ----------
         before : np.ndarray
             The code of the cells when only the edges were known.
+
+        Returns
+        -------
+        np.ndarray
+            Flags of the cells of the square.
         """
         cell = self.blocks.cell(square)
         edge = square.inside & self.known[cell] & ~audited

@@ -54,7 +54,7 @@ class RefinedCells(Cells):
 
     @property
     def filled(self) -> np.ndarray:
-        """Which cells were not computed."""
+        """Flags of the cells that were not computed."""
         found: np.ndarray = self.source_level > 0
         return found
 

@@ -35,7 +35,7 @@ class Round(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """What a round found, by kind of leaf (KINDS,).
+    """Findings of a round, by kind of leaf (KINDS,).
 
     Cells that were to be filled before it, that it audited, of these the ones that disagreed, and cells that are filled
     after it.
@@ -92,7 +92,7 @@ def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round
 
 
 def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
-    """Which share of filled cells has to be audited, where so many are expected to be wrong; 1: all are computed."""
+    """Return the share of filled cells to audit, where so many are expected to be wrong; 1: all are computed."""
     share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
     while share <= MOST:
         found = share * wrong

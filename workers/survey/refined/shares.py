@@ -59,7 +59,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
 
 
 def related(existing: Piece) -> Related:
-    """Which orbits of a block are one."""
+    """Return the orbits of a block that are one."""
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
@@ -138,9 +138,14 @@ class _Leaf:
         return [*self._kinds(shares, spread), periodic]
 
     def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shares of each kind of SEEN and of each column of `won` (known cells, things) in the empty cells, on planes
-        fitted to the computed ones and made to add up to 1; and how much more than samples these differ from them, a
-        standard deviation.
+        """Return shares in the empty cells, on planes fitted to the computed ones and made to add up to 1.
+
+        Of each kind of SEEN and of each column of `won` (known cells, things).
+
+        Returns
+        -------
+        tuple[np.ndarray, np.ndarray]
+            The shares, and the standard deviation by which they differ from samples.
         """
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
@@ -156,7 +161,7 @@ class _Leaf:
         return np.column_stack([np.ones(len(at)), at])
 
     def _kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
-        """The rows of what is not periodic."""
+        """Return the rows of kinds that are not periodic."""
         found = []
         for which, kind in enumerate(SEEN):
             has = self.evidence.samples[which, self.cell] > 0
@@ -202,9 +207,14 @@ def _normal(shares: np.ndarray) -> np.ndarray:
 
 
 def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Which part of a share each gets of those (k,) that share it, by weight; −1: none, as it is not listed.
+    """Return the part of a share that each of those (k,) that share it gets, by weight.
 
     Where none is listed, or none weighs anything, all get as much.
+
+    Returns
+    -------
+    np.ndarray
+        Parts; −1: none, as it is not listed.
     """
     if not of.size:
         return np.zeros(0)

@@ -37,13 +37,14 @@ class Tree:
     _chosen: np.ndarray = field(init=False)  # (cells,): audited when they are to be filled
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         self.audit, self.leaf = np.zeros((2, self.blocks.n_cells), np.int8)
         self._now = self.rounds[0]
         self._chosen = self.draws < self._now.drawn
 
     @property
     def blocks(self) -> Blocks:
-        """Of these leaves."""
+        """Blocks of these leaves."""
         return self.evidence.blocks
 
     def grow(self) -> None:

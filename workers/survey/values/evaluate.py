@@ -34,6 +34,7 @@ def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
 
 
 def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
+    """Return the values of attractors in the slots of their cells."""
     cell, slot = cells.attractors.cell, _slot(cells)
     filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
     shown = slot < cells.slots
@@ -42,7 +43,7 @@ def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.nd
 
 
 def _slot(cells: Cells) -> np.ndarray:
-    """The number of each attractor in its cell."""
+    """Return the number of each attractor in its cell."""
     cell = cells.attractors.cell
     return np.arange(cell.size) - np.searchsorted(cell, cell)
 
@@ -63,7 +64,7 @@ def unlisted_fraction(cells: Cells) -> np.ndarray:
 
 
 def watched_periods(cells: Cells) -> np.ndarray:
-    """Forcing periods for which what is chaotic or undecided was watched; NaN where every sample settled."""
+    """Return the forcing periods of observation of chaotic or undecided samples; NaN where every sample settled."""
     least = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmin.at(least, cells.attractors.cell, cells.attractors.watched)
     return least.reshape(cells.shape)

@@ -19,7 +19,7 @@ PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable
 
 
 class Group(StrEnum):
-    """What a request can ask for; each stands for the variables of that group."""
+    """Groups of variables that a request can ask for."""
 
     REGION = "region"
     ORBITS = "orbits"
@@ -32,7 +32,7 @@ class Group(StrEnum):
 
 
 class Form(StrEnum):
-    """What a row of a table is: a cell, or one of the attractors or of the orbits A to D of a cell."""
+    """Kinds of rows of a table: a cell, or one of the attractors or of the orbits A to D of a cell."""
 
     CELLS = "cells"
     ATTRACTORS = "attractors"
@@ -80,7 +80,7 @@ class Quantity:
 
     @property
     def fill(self) -> int | float | complex | bool:
-        """What an entry holds before it is computed and where the thing does not exist: NaN, False or 0."""
+        """Value of an entry before it is computed and where the thing does not exist: NaN, False or 0."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
@@ -91,12 +91,12 @@ class Quantity:
 
     @property
     def per_cell(self) -> bool:
-        """Whether tiles fill it; what depends on δ alone is computed with the template."""
+        """True if tiles fill it; quantities of δ alone are computed with the template."""
         return self.dims[-2:] == CELL
 
     @property
     def parts(self) -> tuple["Quantity", ...]:
-        """What is stored of it: itself, or both parts of complex numbers, which few readers know."""
+        """Stored parts: itself, or both parts of complex numbers, which few readers know."""
         if np.dtype(self.dtype).kind != "c":
             return (self,)
         return tuple(

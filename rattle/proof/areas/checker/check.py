@@ -47,6 +47,7 @@ def prove(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0
 
 
 def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
+    """Prove a claim for the whole of a block."""
     d, e = between(*delta), between(*epsilon)
     if claim in QUIET:
         return require_possible(d, e, QUIET[claim])
@@ -113,6 +114,7 @@ def check(text: str) -> str:
 
 
 def ends_of(texts: Any) -> Ends:
+    """Return both ends of an interval from their texts."""
     low, high = (exact(each) for each in texts)
     require(low <= high, "its ends are not in order")
     return low, high

@@ -22,11 +22,13 @@ class Refused(Exception):  # noqa: N818 - it is an answer, no fault
 
 
 def require(ok: Any, why: str) -> None:
+    """Raise Refused unless ok."""
     if not ok:
         raise Refused(why)
 
 
 def exact(text: str) -> Fraction:
+    """Return the exact number that a text stands for."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number from 0 on")
     return Fraction(text)
 
@@ -51,6 +53,7 @@ def times(x: Interval, y: Interval) -> Interval:
 
 
 def plus(x: Interval, y: Interval) -> Interval:
+    """Return the sum of two enclosures."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
@@ -63,28 +66,34 @@ class Jet:
         self.x, self.s, self.d = x, s, d
 
     def __add__(self, y: Any) -> "Jet":
+        """Return the sum."""
         if not isinstance(y, Jet):
             return Jet(self.x + y, self.s, self.d)
         return Jet(self.x + y.x, plus(self.s, y.s), plus(self.d, y.d))
 
     def __mul__(self, y: Any) -> "Jet":
+        """Return the product."""
         if not isinstance(y, Jet):
             return Jet(self.x * y, times(self.s, y), times(self.d, y))
         s, d = (plus(times(a, y.x), times(self.x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(self.x * y.x, s, d)
 
     def __neg__(self) -> "Jet":
+        """Return the negative."""
         return Jet(-self.x, ZERO if self.s is ZERO else -self.s, ZERO if self.d is ZERO else -self.d)
 
     def __sub__(self, y: Any) -> "Jet":
+        """Return the difference."""
         return self + -y
 
     def __rsub__(self, y: Any) -> "Jet":
+        """Return the difference."""
         return -self + y
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __truediv__(self, y: "Jet") -> "Jet":
+        """Return the quotient."""
         x = self.x / y.x
         s, d = (plus(a, -times(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
@@ -105,6 +114,7 @@ class Jet:
 
 
 def middle(x: Interval) -> Interval:
+    """Return the middle of an enclosure."""
     return IV.mpf(x.mid)
 
 

@@ -11,7 +11,7 @@ Part = tuple[Fraction, Fraction]
 
 
 class Terms:
-    """What all equations are made of: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = ab, and sine and cosine of πs."""
+    """Terms of all equations: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = ab, and sine and cosine of πs."""
 
     def __init__(self, s: Jet, d: Jet) -> None:
         self.s, self.d, self.a, self.b, self.end = s, d, (d * s).decay(), (d * (1 - s)).decay(), d.decay()
@@ -147,6 +147,7 @@ class Column:
         self.cells: dict[Part, Cell] = {}
 
     def cell(self, low: Fraction, high: Fraction) -> Cell:
+        """Return the cell of solutions with s between two numbers."""
         if (low, high) not in self.cells:
             self.cells[low, high] = Cell(between(low, high), self.d, self.beta)
         return self.cells[low, high]
