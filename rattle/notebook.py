@@ -97,6 +97,11 @@ def figure_of(result: Shown, drawn_by: str) -> Figure:
 
     It knows all results.
 
+    Returns
+    -------
+    Figure
+        The figure.
+
     Raises
     ------
     MissingExtraError

@@ -22,6 +22,11 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 def key_headers(key: str | None = None) -> dict[str, str]:
     """Return the header that carries an API key; by default that of ``RATTLE_API_KEY``, nothing without one.
 
+    Returns
+    -------
+    dict[str, str]
+        Headers by name.
+
     Raises
     ------
     ServiceError
@@ -46,10 +51,17 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         Sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store on this
         machine or of the service at ``RATTLE_URL``. Nobody else shall see the key.
 
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
     Raises
     ------
     RattleError
         There is no survey, or it cannot be read.
+    ServiceError
+        If an address is given that is not a service's.
     """
     from gear_rattle.workers import open_survey
 
@@ -79,6 +91,11 @@ def open_family(
     store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
 ) -> xr.Dataset:
     """Open one family of a survey, from disk or from a service, as `gear_rattle.open_family` does, with a key.
+
+    Returns
+    -------
+    xr.Dataset
+        The map.
 
     Raises
     ------

@@ -50,6 +50,11 @@ class Front:
     def stored(self, survey_id: str, kind: Kind = Kind.SURVEY) -> tuple[JobRow, Path | Bucket]:
         """Return a survey, or a population, and the place of its store. Blocks: for a thread.
 
+        Returns
+        -------
+        tuple[JobRow, Path | Bucket]
+            Row, and place.
+
         Raises
         ------
         UnknownSurveyError
@@ -61,6 +66,11 @@ class Front:
 
     def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
         """Return a survey, and the place of its store, which is there. Blocks: for a thread.
+
+        Returns
+        -------
+        tuple[JobRow, Path | Bucket]
+            Row, and place.
 
         Raises
         ------

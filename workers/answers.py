@@ -26,6 +26,11 @@ def population_of(where: str | Path | Place) -> Population:
 
     What of it failed is undecided.
 
+    Returns
+    -------
+    Population
+        The population.
+
     Raises
     ------
     SurveyError
@@ -44,6 +49,11 @@ def population_in(dataset: "xr.Dataset", name: str) -> Population:
     """Return the same of a store that has been opened, such as one of a service, which is told of by its name.
 
     Raises as `population_of`.
+
+    Returns
+    -------
+    Population
+        The population.
     """
     request = _request_of(dataset.attrs, name)
     with reading(f"the gears of {name}"):

@@ -32,12 +32,19 @@ def certify_areas(
 
     on_done is told the number of columns that are through, should_stop asked after each.
 
+    Returns
+    -------
+    list[Block]
+        The blocks.
+
     Raises
     ------
     StorageError
         If the file cannot be written.
     MissingExtraError
         Without python-flint.
+    SurveyError
+        If the file cannot be written.
     """
     found: list[Block] = []
     try:

@@ -45,9 +45,9 @@ def meet_bound(
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Take a survey whose tiles are all there through rounds of audits until its bound is met, and tell what it is.
+    """Take a survey whose tiles are all there through rounds of audits until its bound is met.
 
-    Returns whether the bound is met; False after a pause.
+    The caller holds the store.
 
     The caller holds the store, whose attractors are not yet joined. What a tile holds follows from the request and the
     rounds, and these from what all tiles have: neither tiles nor workers nor where a run was interrupted show.
@@ -60,6 +60,11 @@ def meet_bound(
         Tiles that it is given at a time to be computed.
     should_pause : Callable[[], bool]
         Asked after each time: whether the rest is left for another call.
+
+    Returns
+    -------
+    bool
+        Whether the bound is met; False after a pause.
 
     Raises
     ------
@@ -107,6 +112,11 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
     """Compute and write a tile as it is after the rounds that it names. May be done twice.
 
     Returns what the last round found, and the digests of the tile's chunks by their keys.
+
+    Returns
+    -------
+    tuple[Counts, dict[str, str]]
+        Findings of the last round, and digests of the tile's chunks by their keys.
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)

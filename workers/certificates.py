@@ -130,6 +130,11 @@ def certify_survey(
     should_stop : Callable[[], bool]
         Asked after each time; what is through by then is kept.
 
+    Returns
+    -------
+    xr.Dataset
+        The variables.
+
     Raises
     ------
     StorageError
@@ -287,6 +292,11 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
         The store.
     ended : bool
         Whether the run that proves is known to have ended: checksums that are not there are lost then.
+
+    Returns
+    -------
+    CertificatesIntegrity
+        The findings.
     """
     known, files = _sealed(out)
     complete = ended or (out / SEAL).exists()

@@ -53,6 +53,11 @@ def compute_tile(
     ----------
     outcomes : Iterable[CellOutcome] | None
         Of the cells, in their order, if they come from elsewhere.
+
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
+        Arrays of the tile, and its record.
     """
     compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)

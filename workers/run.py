@@ -57,6 +57,11 @@ def run_survey(
     fields
         Of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
 
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
     Raises
     ------
     SurveyError

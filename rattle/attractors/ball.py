@@ -83,6 +83,11 @@ def placed(centres, i, direction, radius):
 
     On the ellipse zᵀMz = size², by the Cholesky factor of M, where size is the radius or, in every other direction,
     half of it.
+
+    Returns
+    -------
+    result
+        Phase and speed of the state.
     """
     m00, m01, m11 = centres.m00[i], centres.m01[i], centres.m11[i]
     size = radius if direction % 2 == 0 else 0.5 * radius
@@ -94,8 +99,14 @@ def placed(centres, i, direction, radius):
 
 @kernel
 def contracts(tau, v, i, centres, point):
-    """Return whether Π^k at this state has as many Σ⁻ impacts as the orbit of centre i and a tangent that contracts in its
-    norm.
+    """Return whether Π^k at this state has the Σ⁻ impacts of the orbit of centre i, and a contracting tangent.
+
+    The tangent contracts in its norm.
+
+    Returns
+    -------
+    result
+        Whether it contracts.
     """
     if not v > 0.0:
         return False
@@ -157,6 +168,11 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     """Return the `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius.
 
     0 where Π^k does not contract.
+
+    Returns
+    -------
+    Centres
+        Centres with their largest radii.
     """
     number = np.arange(orbits.n_plus.shape[1])
     n_plus = orbits.n_plus[(number >= grown[:, None]) & (number < orbits.n[:, None])]

@@ -76,6 +76,11 @@ class Plane:
         """Return the cell of every state.
 
         Row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside.
+
+        Returns
+        -------
+        NDArray[np.int64]
+            Number of each state's cell.
         """
         cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
         point = self.parameters.point()
@@ -146,6 +151,11 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
     """Return the cells (n_v, n_tau) with another label among their eight neighbours.
 
     Speeds are not periodic, phases are if all of them are there.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        True at the boundary.
     """
     wide = np.pad(labels, ((0, 0), (1, 1)), mode="wrap" if all_phases else "edge")
     wide = np.pad(wide, ((1, 1), (0, 0)), mode="edge")

@@ -77,9 +77,14 @@ def group_numbers(boxes, size, group):
 
 @kernel
 def exponents(sums):
-    """(λ₁, λ₂, 95 % half-width of λ₁) from rows of time, ln stretch and ln|det|; NaN if nothing was measured.
+    """Return the Lyapunov exponents from rows of time, ln stretch and ln|det|.
 
-    The error bar is that of a ratio estimate over batches, which are long against the correlation time.
+    The error bar is that of a ratio estimate over batches, which are long against the correlation.
+
+    Returns
+    -------
+    result
+        (λ₁, λ₂, 95 % half-width of λ₁); NaN if nothing was measured.
     """
     time, stretch, contraction, used = 0.0, 0.0, 0.0, 0
     for i in range(sums.shape[0]):
@@ -103,6 +108,11 @@ def is_chaotic(sums):
 
     A vector also grows in regular motion, as ln t: by ln 2 over the second half, where chaos must have more than
     LEAST_GROWTH.
+
+    Returns
+    -------
+    result
+        True if chaotic.
     """
     first, _second, error = exponents(sums)
     later = 0.0
@@ -135,9 +145,14 @@ def fill_exponents(sums, size, found):
 
 
 def pooled(sums: Sequence[Array]) -> Array:
-    """(λ₁, λ₂, 95 % half-width) of several attractors, (3, n), of each from several trajectories on it.
+    """Return the exponents of several attractors, of each from several trajectories on it.
 
-    Sums (trajectories, BATCHES, 3).
+    From sums (trajectories, BATCHES, 3).
+
+    Returns
+    -------
+    Array
+        (λ₁, λ₂, 95 % half-width), (3, n).
     """
     rows = np.concatenate([each.reshape(-1, 3) for each in sums])
     found = np.zeros((3, len(sums)))

@@ -164,10 +164,15 @@ class Classifier(ABC):
     def settled(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Status (k,) of other states of these cells after so many impacts at most, all (k,).
+        """Return the status (k,) of other states of these cells after so many impacts at most, all (k,).
 
-        One that reaches no attractor by then is UNRESOLVED, and judged no further. What orbits they find is known from
-        then on.
+        One that reaches no attractor by then is UNRESOLVED, and judged no further. Orbits that they find are known to
+        the cells from then on.
+
+        Returns
+        -------
+        NDArray[np.int64]
+            Status of each state.
         """
         others = begun(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
@@ -259,6 +264,11 @@ class Classifier(ABC):
         all may come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from
         others. Where there are fewer samples than MANY, states near them are watched too: a small count is no reason
         for chaos.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for cells in which nothing leaves.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -320,6 +330,11 @@ class Classifier(ABC):
         """Observe these samples, for longer if unclear.
 
         Return the observations, and whether each is unresolved and chaotic.
+
+        Returns
+        -------
+        tuple[Seen, NDArray[np.bool_]]
+            The observations, and the flags of chaos.
         """
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
@@ -345,10 +360,14 @@ class Classifier(ABC):
         return seen, chaotic
 
     def declare_chaos(self, cells: NDArray[np.int64], witnesses: Sets, seen: Seen) -> NDArray[np.bool_]:
-        """Return all that is left in each of these cells is on the chaotic attractor of its witnesses.
+        """Declare the unresolved samples of each of these cells to be on the chaotic attractor of its probes.
 
-        If these seem to be on several, they are measured for longer, and at last all that is left. False where some of
-        those then end elsewhere.
+        If the probes seem to be on several, they are measured for longer, and at last all unresolved samples.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            False where this is not so.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -378,6 +397,11 @@ class Classifier(ABC):
         """Declare the unresolved samples of each of these cells to be on several chaotic attractors.
 
         Unless some of them end elsewhere.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for cells of which this is so.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)

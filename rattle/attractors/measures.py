@@ -54,6 +54,11 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
     Attractors of the two are the same if kind and P(m, n₊, n₋) agree; where several could be, they are paired so that
     fewest cells differ.
 
+    Returns
+    -------
+    NDArray[np.bool_]
+        True where the two differ.
+
     Raises
     ------
     ParameterError
@@ -82,6 +87,11 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     """Basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
 
     What does not fill a box at the upper ends of τ and v is left out.
+
+    Returns
+    -------
+    BasinEntropy
+        Entropies and numbers of boxes.
 
     Raises
     ------

@@ -152,6 +152,11 @@ class Sampled:
         attractors: by falling share of these states; which: index into them, of the broadcast shape; impacts: until it
         was certain. `rattle.sampled_states` makes states of a box or a density.
 
+        Returns
+        -------
+        Reached
+            Attractors, and the index of each state's.
+
         Raises
         ------
         ParameterError
@@ -165,6 +170,11 @@ class Sampled:
         From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³,
         by default 8192, of the stiff gear 2048. v_max as in `basins`. Deterministic in all arguments. Raises
         ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
+
+        Returns
+        -------
+        Uncertainty
+            The exponent with its error, and the distances that it follows from.
         """
         return uncertainty(self.states, self._pairs if pairs is None else pairs, self._speed(v_max), seed)
 

@@ -64,6 +64,11 @@ def stable_orbit(tau, v, gap, most, point):
     """Return the stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
 
     (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
+
+    Returns
+    -------
+    result
+        (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
     """
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
@@ -87,6 +92,11 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
     """Return the index of this orbit among those of the cell, −1 if it is new.
 
     A near tie for the fastest point may be broken either way, so all points are compared.
+
+    Returns
+    -------
+    result
+        Index of the orbit.
     """
     near = SAME_POINT * unit_at(point)
     for j in range(orbits.n[cell]):
@@ -183,6 +193,11 @@ def resolve(
 
     Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
     grown[cell] on are, or while the cell has no room for one more.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Samples that wait, in their order.
     """
     waiting = np.zeros_like(which)
     tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()

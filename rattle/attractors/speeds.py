@@ -85,6 +85,11 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
     A number for all, "natural" for 1.5 √(16πδβ) + 2πε of each, None for 7 in the paper's plane and the natural one
     elsewhere.
 
+    Returns
+    -------
+    Array
+        Largest speed in each cell.
+
     Raises
     ------
     ParameterError

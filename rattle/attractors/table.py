@@ -169,6 +169,11 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
     """Return one row for every attractor of every cell, and the row of every sample.
 
     Missed: stable orbits that are known and that no sample went to have rows too.
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.int64]]
+        The table, and the row of each sample.
     """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits

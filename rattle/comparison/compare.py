@@ -75,7 +75,7 @@ def compare(
     count: int = 64,
     seed: int = 0,
 ) -> Comparison:
-    """Measured impacts beside the attractors that `count` samples of this gear find.
+    """Compare measured impacts with the attractors that `count` samples of this gear find.
 
     Raises ParameterError, and RattleError where an attractor cannot be followed.
 
@@ -86,6 +86,11 @@ def compare(
         fits best.
     tolerance : float
         Of the times between repeated impacts, over the mean time between impacts.
+
+    Returns
+    -------
+    Comparison
+        The attractors by rising distance.
     """
     bins = require_integer("bins", bins, 1, MOST_BINS)
     tolerance = require_number("tolerance", tolerance, positive=True)

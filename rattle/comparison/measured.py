@@ -44,7 +44,14 @@ class Measured(NamedTuple):
 
 
 def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> Measured:
-    """Impacts (n,) at rising times in forcing periods, with speeds ≥ 0 of the model and walls ±1 where these are known.
+    """Return impacts (n,) at rising times in forcing periods.
+
+    With speeds ≥ 0 of the model and walls ±1 where these are known.
+
+    Returns
+    -------
+    Measured
+        The impacts.
 
     Raises
     ------
@@ -73,13 +80,18 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
 
 
 def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> Measured:
-    """Impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
+    """Read impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
 
     Parameters
     ----------
     time_unit, speed_unit : float
         What a forcing period and a unit of speed of the model are in the table's units: `units.time` and
         `units.velocity` of a `Machine` for seconds and m/s.
+
+    Returns
+    -------
+    Measured
+        The impacts.
 
     Raises
     ------
@@ -94,7 +106,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 
 
 def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
-    """(m, n₊, n₋) of impacts that repeat themselves; None if they do not.
+    """Return the label (m, n₊, n₋) of impacts that repeat themselves; None if they do not.
 
     The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
 
@@ -103,6 +115,11 @@ def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[i
     tolerance : float
         Root mean square of how much earlier or later they are after m whole periods, over the mean time between
         impacts.
+
+    Returns
+    -------
+    tuple[int, int, int] | None
+        The label, or None.
     """
     allowed = tolerance * float(time[-1] - time[0]) / (time.size - 1)
     found = []

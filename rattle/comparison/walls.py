@@ -79,6 +79,11 @@ def fits(fitting: Fitting) -> list[Fit]:
     """Return the walls, and phases 0, with which impacts fit a gear best, the best first.
 
     The same times may be those of several motions, such as A and C.
+
+    Returns
+    -------
+    list[Fit]
+        Fits, the best first.
     """
     few = fitting.listened
     rough = []
@@ -149,6 +154,11 @@ def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
 
     It holds the offsets around it whose cost is not higher by more than its own standard error, from the scatter of
     the impacts: where the cost is a parabola these are two standard errors of the offset.
+
+    Returns
+    -------
+    tuple[float, float]
+        Both ends of the interval.
     """
     few, offset = fitting.listened._replace(unit=found.unit), found.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)

@@ -130,6 +130,11 @@ def _diverges(i: int, size: Any, last: Any) -> Any:
     """Return whether correction number i, of this size after one of the last, is given up.
 
     Of one solution or of several.
+
+    Returns
+    -------
+    Any
+        True if it is given up.
     """
     return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
 
@@ -143,6 +148,11 @@ def with_values(problem: Problem, guesses: Array, index: int) -> Array:
     """Return the solutions near guesses (k, N + 1) that have their unknown number `index`, all at once.
 
     NaN where is none.
+
+    Returns
+    -------
+    Array
+        Solutions (k, N + 1).
     """
     x, found = guesses.copy(), np.full(guesses.shape, np.nan)
     fixed = np.zeros(x.shape[-1])
@@ -194,6 +204,11 @@ def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Arra
     """Return the tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent.
 
     It is one and the same all along a curve, and the other on a neighbour that nearly crosses it.
+
+    Returns
+    -------
+    tuple[Array, float]
+        Unit tangent, and the sign.
     """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
@@ -285,6 +300,11 @@ class Follower:
 
         The last point is that edge, to rounding; or until it closes. The first step is at most `first`, if given:
         curves cross at the start.
+
+        Returns
+        -------
+        Path
+            Points of the curve, and why it ends.
         """
         points, tangents = [start], [tangent]
         sign = oriented_tangent(self.problem, start, tangent)[1] if first == np.inf else None

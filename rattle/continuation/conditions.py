@@ -33,9 +33,20 @@ def scale_at(x: Array) -> Array:
 
 
 def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Problem:
-    """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters: times, δ and ε unknown.
+    """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
-    SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity 0.
+    Times, δ and ε are unknown. SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity
+    0.
+
+    Returns
+    -------
+    Problem
+        The equations.
+
+    Raises
+    ------
+    RattleError
+        If a graze is requested without its impact.
     """
     if kind is Kind.GRAZING:
         if impact is None:

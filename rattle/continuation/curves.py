@@ -112,6 +112,11 @@ class Curve(Tabular):
 
         Empty where it has none.
 
+        Returns
+        -------
+        tuple[float, ...]
+            The other parameter, rising.
+
         Raises
         ------
         ParameterError
@@ -228,6 +233,11 @@ def pieces(
         Why a solution in the window is not on the curve (its motion does not happen), None if it is.
     times : int | None
         How many unknowns are times, by default all but δ and ε.
+
+    Returns
+    -------
+    list[Piece]
+        The pieces.
     """
     found: list[Piece] = []
     twins = partial(_periods_later, times)

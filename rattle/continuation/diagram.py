@@ -138,6 +138,11 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
 
         Returns a matplotlib figure.
 
+        Returns
+        -------
+        Figure
+            A matplotlib figure.
+
         Raises
         ------
         MissingExtraError
@@ -149,6 +154,11 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         """Return the impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps.
 
         A branch has its own `to_xarray`.
+
+        Returns
+        -------
+        Dataset
+            The data set.
 
         Raises
         ------

@@ -138,6 +138,11 @@ class Followed(ABC):
 
         Returns a matplotlib figure.
 
+        Returns
+        -------
+        Figure
+            A matplotlib figure.
+
         Raises
         ------
         MissingExtraError
@@ -150,10 +155,15 @@ class Followed(ABC):
         return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
-        """Dimensions point, multiplier and impact.
+        """Return the branch along the dimensions point, multiplier and impact.
 
         Parameters, multipliers, and the times and speeds with which the motions leave the walls. Raises
         MissingExtraError without xarray.
+
+        Returns
+        -------
+        Dataset
+            The data set.
         """
         each = {name: ("point", values) for name, values in self._columns().items() if "multiplier" not in name}
         return dataset_of(

@@ -100,6 +100,11 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
     """Return the order of rows (rows,).
 
     Cell by cell, in each by falling number of samples, and nothing but what they are.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Order of the rows.
     """
     keys = (table.tau, table.v, table.n_minus, table.n_plus, table.m, table.kind, -table.samples, table.cell)
     return np.lexsort(keys)
@@ -175,6 +180,11 @@ def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArr
     """Return pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells.
 
     Each leads to the other, or one does in STEPS steps, which tell a continued orbit from a jump to another one.
+
+    Returns
+    -------
+    tuple[NDArray[np.int64], NDArray[np.int64]]
+        First and second of each pair.
     """
     to = orbits.to[:n].astype(np.int64)
     to[to >= n] = NOWHERE

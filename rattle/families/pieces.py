@@ -53,6 +53,11 @@ def entering(
     ----------
     tried : bool
         Those inside have been continued before.
+
+    Returns
+    -------
+    AttractorTable
+        The entering orbits.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)

@@ -118,6 +118,11 @@ def followed(k, here, there, orbits):
     """Follow orbit k from one parameter point to another: (found, τ, v).
 
     A step for which Newton's method fails is halved. Between the points the orbit has to attract, with its label.
+
+    Returns
+    -------
+    result
+        (found, τ, v) at the end.
     """
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0
@@ -175,7 +180,12 @@ def continued(k, cell, n, orbits, cells):
 def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
     """Enter orbits (k,) as numbers n and following, but for those that their cells know.
 
-    Write to which (k,) the number of each. Returns n again. There is room for all of them.
+    Write to which (k,) the number of each. There is room for all of them.
+
+    Returns
+    -------
+    result
+        The next free number n.
     """
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]

@@ -102,6 +102,11 @@ def numbers_of(sums: Sums) -> Integers:
 
     By falling number of cells, where these are equal by their first attractors. So nothing but the cells decides a
     number.
+
+    Returns
+    -------
+    Integers
+        Family of each component.
     """
     others = np.flatnonzero(sums.component != QUIET_FAMILY)
     order = others[np.lexsort((sums.place[others], sums.first[others], -sums.cells[others]))]

@@ -26,6 +26,11 @@ def is_captured(speed, force, largest_invariant):
     """Return whether the bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
 
     V³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
+
+    Returns
+    -------
+    result
+        True if it is certain.
     """
     return speed * speed * speed <= largest_invariant * force
 
@@ -37,6 +42,11 @@ def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     No speed into the gap, and a contact force that presses on the wall.
 
     A graze arrives with no speed and leaves at once, because the force points into the gap.
+
+    Returns
+    -------
+    result
+        True if it stays.
     """
     if wall * w < -SLOWEST:
         return False

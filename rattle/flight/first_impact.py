@@ -46,6 +46,11 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
 
     The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
     F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
+
+    Returns
+    -------
+    result
+        The step u.
     """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -79,6 +84,11 @@ def proven_impact(wall, tau, flight, beta):
     """Return the first impact by the stages that a block of lanes runs.
 
     (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
+
+    Returns
+    -------
+    result
+        (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
     """
     wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
@@ -109,6 +119,11 @@ def root_in(lo, hi, guess, level, rising, flight):
     """Return the crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
 
     A step leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'; the last one leaves less than rounding.
+
+    Returns
+    -------
+    result
+        Time of the crossing.
     """
     s = guess
     if not (lo < s < hi):
@@ -236,10 +251,15 @@ def safe_impact(wall, tau, flight, beta):
 
 @kernel
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
-    """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
+    """Return the first impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 
     Returns (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at
     arrival).
+
+    Returns
+    -------
+    result
+        (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase).
     """
     flight = leaving(tau, w, delta, epsilon, drift)
     if delta > 0.0:

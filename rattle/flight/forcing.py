@@ -270,6 +270,11 @@ def negative_arc(delta, epsilon):
     """Return the phases where the contact force is negative: one arc, for one cosine.
 
     g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
+
+    Returns
+    -------
+    result
+        The arc.
     """
     largest = contact_force_swing(delta, epsilon)
     mean = abs(delta) * DRIFT

@@ -158,6 +158,11 @@ def depth(s, series, flight):
     """Return the minimum near s, where F has this Taylor series: its height as it seems, and bounds.
 
     Remainders and rounding are in the bounds, if δs < 2; that of F is UNBOUNDED where the polynomial is no good.
+
+    Returns
+    -------
+    result
+        The height and its bounds.
     """
     w, a, _sin0, _cos0, delta, epsilon = flight
     c0, c1, c2, c3, c4, c5 = series

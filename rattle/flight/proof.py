@@ -25,6 +25,11 @@ def is_located(s, step, speed, flight):
     """Return whether double precision may end what single precision began.
 
     A short step, and an impact that is no graze.
+
+    Returns
+    -------
+    result
+        True if it may.
     """
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
     return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
@@ -100,6 +105,11 @@ def lowest_point(s, minimum, delta):
     """Return a lower bound of F up to s, if e^(δs) F' grows between the minimum and the point near it.
 
     There |F'| is at most e^(δs) tilt.
+
+    Returns
+    -------
+    result
+        The lower bound.
     """
     x = delta * s
     growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # over LATER e^(LATER x), for x < 2

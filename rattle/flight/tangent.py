@@ -16,9 +16,14 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 
 @inline
 def flight_tangent(w1, lost, sin1, cos1, flight):
-    """∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
+    """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
     F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; the impact law reflects the change of w₁.
+
+    Returns
+    -------
+    result
+        Four derivatives.
     """
     decay = 1.0 - lost
     sin0, cos0, inverse_delta = flight.sin0, flight.cos0, 1.0 / flight.delta

@@ -116,6 +116,11 @@ class Gear(Sampled, Rattling):
 
         The tangent is infinite at a graze.
 
+        Returns
+        -------
+        Impact
+            State after the next impact on Σ⁺, with its tangent.
+
         Raises
         ------
         ParameterError
@@ -133,6 +138,11 @@ class Gear(Sampled, Rattling):
         """Return the (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between.
 
         Raises as `impact`.
+
+        Returns
+        -------
+        Impact
+            The preimage, with its tangent.
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
@@ -163,9 +173,14 @@ class Gear(Sampled, Rattling):
         return departure(self.delta, self.epsilon, self.beta, _phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
+        """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
 
         A trajectory that comes to rest keeps its last state and has n_plus < n.
+
+        Returns
+        -------
+        Iterates
+            States and numbers of impacts.
 
         Raises
         ------
@@ -175,11 +190,14 @@ class Gear(Sampled, Rattling):
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
 
-        (time, phi, velocity, impact_time, impact_wall, impact_speed, rest). In closed form between impacts: exact to
-        rounding, which a chaotic motion stretches by e^(λ₁t). Raises ParameterError, and RattleError if it makes more
-        than ten million impacts. Source: paper (3.1), (3.2).
+        At points even times. In closed form.
+
+        Returns
+        -------
+        Trajectory
+            (time, phi, velocity, impact_time, impact_wall, impact_speed, rest).
         """
         tau = _phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
@@ -245,6 +263,11 @@ class Gear(Sampled, Rattling):
         All (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring points are no further
         apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's plane, v counts in
         sevenths of the natural one (`basins`).
+
+        Returns
+        -------
+        tuple[GammaPiece, ...]
+            Pieces of Γ.
 
         Raises
         ------

@@ -40,7 +40,7 @@ def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
 
 
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
-    """|(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,), NaN of what is neither periodic nor chaotic.
+    """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,).
 
     To rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one.
 
@@ -48,6 +48,11 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     ----------
     cells : Any
         As the kernels take them.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        The errors; NaN of attractors that are neither periodic nor chaotic.
     """
     errors = np.full(table.cell.size, np.nan)
     rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))

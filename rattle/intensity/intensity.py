@@ -73,6 +73,11 @@ class Intensity:
         Raises ParameterError.
 
         A and C, one impact of speed 2πδ, have 2π²δ²: `natural_energy`.
+
+        Returns
+        -------
+        float
+            The level in dB.
         """
         ratio = self.energy / require_number("reference", reference, positive=True)
         return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)
@@ -127,9 +132,14 @@ def rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Return those of `Errors` in their order, each (…,), from sums (…, BATCHES, COLUMNS).
+    """Return the half-widths of `Errors` in their order, each (…,), from sums (…, BATCHES, COLUMNS).
 
-    Of ratio estimates over batches.
+    They are those of ratio estimates over batches.
+
+    Returns
+    -------
+    tuple[Array, ...]
+        The half-widths.
     """
 
     def half_width(column: Array, per: Array) -> Array:

@@ -49,6 +49,11 @@ def watched_periods(delta: float, periods: float | None) -> float:
     """Return the forcing periods of an observation.
 
     By default so many that batches are long against the time in which motions forget.
+
+    Returns
+    -------
+    float
+        Number of forcing periods.
     """
     if periods is None:
         return BATCHES * max(BATCH, RELAXATIONS / delta)

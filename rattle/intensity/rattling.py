@@ -34,6 +34,11 @@ class Rattling(ABC):
         Periodic: over one period, to rounding. Chaotic: over a watch of so many forcing periods (by default 32,000, or
         320/δ if that is more) from its (τ, v) on, with error bars from 32 batches of it. Quiet: nothing. Raises
         ParameterError, and RattleError where the motion is none of this gear's or comes to rest.
+
+        Returns
+        -------
+        Intensity
+            The intensity.
         """
         return intensity(motion, self._point, periods)
 
@@ -55,6 +60,11 @@ class Rattling(ABC):
         Periodic or quiet: its lines, exact, that of order 0 being −4πδ: amplitude = (1/m) Σ ∓2v e^(−2πi order t) over
         the impacts at ±β. Chaotic: its density every 1/resolution, with its confidence, from 256 segments of
         `resolution` forcing periods. Raises as `intensity`.
+
+        Returns
+        -------
+        Lines | Density
+            Lines of a periodic or quiet motion, the density of a chaotic one.
         """
         return spectrum(motion, self._point, self._stiffness, highest, resolution)
 

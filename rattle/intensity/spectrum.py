@@ -124,6 +124,11 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
     The transform of the train itself, so that nothing is sampled and no order is folded onto another.
 
     Degrees of freedom: Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
+
+    Returns
+    -------
+    Density
+        The density, with its degrees of freedom.
     """
     from scipy.special import chdtri  # takes longer to load than all else here
 
@@ -154,9 +159,14 @@ def _pushes(impacts: Impacts, delta: float, epsilon: float) -> tuple[Array, Arra
 def periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
-    """|∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, at k (count,).
+    """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, at k (count,).
 
-    Those of segment q are first[q] to last[q]; they begin at begin[q].
+    Impulses of segment q are first[q] to last[q]; they begin at begin[q].
+
+    Returns
+    -------
+    Array
+        The sums (count,).
     """
     power, real, imaginary = np.zeros(count), np.empty(count), np.empty(count)
     for q in range(begin.size):

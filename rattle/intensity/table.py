@@ -91,6 +91,11 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     ----------
     cells : Any
         As the kernels take them.
+
+    Returns
+    -------
+    Intensities
+        The intensities, a row for each attractor.
     """
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
     quiet = table.kind == Outcome.QUIET

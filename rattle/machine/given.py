@@ -27,6 +27,11 @@ IMPOSSIBLE = 1000.0
 def in_si(name: str, value: Any) -> float:
     """Return a number in the unit of UNITS, from one or from a quantity of `pint`.
 
+    Returns
+    -------
+    float
+        The number.
+
     Raises
     ------
     ParameterError

@@ -37,6 +37,11 @@ def owner_of(name: str) -> type[Model]:
 def model_adding(names: Any) -> type[Model]:
     """Return the model that has these parameters beside δ, ε and β; the default one if there are none.
 
+    Returns
+    -------
+    type[Model]
+        The model.
+
     Raises
     ------
     ParameterError

@@ -312,6 +312,11 @@ class Model(ABC):
         """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones.
 
         Of contacts the impulses are those of the springs.
+
+        Returns
+        -------
+        Array
+            The errors (n,).
         """
         return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
 

@@ -80,6 +80,11 @@ def _root() -> str:
     """Return the directory that the environment names or the usual one.
 
     Where that cannot be written, a directory for temporary files of this user only.
+
+    Returns
+    -------
+    str
+        Its path.
     """
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
@@ -107,6 +112,11 @@ def can_be_kept() -> bool:
     """Return whether the cache can be written; say so if not.
 
     Numba would take a directory beside the sources then, where code can be stale.
+
+    Returns
+    -------
+    bool
+        True if it can.
     """
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
@@ -206,6 +216,11 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
     `FOR_TYPES` has all of them, and the docstring of `rattle.orbits.return_map` lists them with their places. Kernels
     are not passed as arguments instead: numba's cache on disk does not know those (docs/decisions/0018-stiff.md).
+
+    Returns
+    -------
+    Callable[[Callable[..., Any]], Callable[..., Any]]
+        A decorator.
     """
 
     def register(implementation: Callable[..., Any]) -> Callable[..., Any]:

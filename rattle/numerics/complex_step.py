@@ -19,9 +19,14 @@ def _steps(n: int) -> NDArray[np.complex128]:
 
 
 def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
-    """Return a real-analytic function (…, N) → (…, M) at x (…, N).
+    """Return the value and the Jacobian of a real-analytic function (…, N) → (…, M) at x (…, N).
 
     Value (…, M) and Jacobian (…, M, N), exact to rounding.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Value (…, M) and Jacobian (…, M, N), exact to rounding.
     """
     values = function(x[..., None, :] + _steps(x.shape[-1]))
     return values[..., 0, :].real, values.imag.swapaxes(-1, -2) / COMPLEX_STEP
@@ -46,6 +51,11 @@ def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
 
     Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
     of Dynamical Equilibria (SIAM 2000).
+
+    Returns
+    -------
+    NDArray
+        The function's values.
     """
     n = matrix.shape[-1]
     system = np.zeros((*matrix.shape[:-2], n + 1, n + 1), matrix.dtype)

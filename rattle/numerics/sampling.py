@@ -21,6 +21,11 @@ def sobol(count: int) -> NDArray[np.float64]:
 
     Those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every process that computes. The
     direction numbers of its first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo 2008).
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Points (n, 2).
     """
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))
@@ -110,9 +115,14 @@ def initial_conditions(
 def wilson_interval(
     successes: ArrayLike, count: ArrayLike, z: float = Z_95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast).
+    """Return the 95 % Wilson score interval of a fraction, for successes out of count (arrays that broadcast).
 
-    Z: another point of the normal distribution.
+    z: another point of the normal distribution.
+
+    Returns
+    -------
+    tuple[NDArray[np.float64], NDArray[np.float64]]
+        Lower and upper ends.
     """
     n, k = real_array("count", count), real_array("successes", successes)
     require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")

@@ -27,9 +27,9 @@ def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[flo
 def sampled_states(
     count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
 ) -> tuple[Array, Array]:
-    """So many states (τ, v), two arrays (count,): a low-discrepancy sample of the box of these ranges (low, high).
+    """Return so many states (τ, v): a low-discrepancy sample of the box of these ranges (low, high).
 
-    It is taken to be even in each of 512 × 512 cells of the box, with its value at the centre.
+    It is taken to be even in each of 512 × 512 cells of the box, with its value at the middle.
 
     Parameters
     ----------
@@ -37,6 +37,11 @@ def sampled_states(
         Of arrays τ and v, not negative, to any scale; without one the sample is uniform.
     seed : int
         Shifts the sample.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Two arrays (count,).
 
     Raises
     ------

@@ -17,6 +17,11 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
 
     Names are not case-sensitive.
 
+    Returns
+    -------
+    dict[str, NDArray[np.float64]]
+        Columns by their names.
+
     Raises
     ------
     ParameterError

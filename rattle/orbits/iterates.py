@@ -121,6 +121,16 @@ def sampled_motion(
     sampled : Callable[..., tuple[int, int, float]]
         A kernel that takes (τ, v), parameters, the times and arrays for Φ and Φ' (points,), and for time, wall and
         speed of the impacts; returns its status, how many impacts there were, and when the motion came to rest.
+
+    Returns
+    -------
+    Trajectory
+        The motion.
+
+    Raises
+    ------
+    RattleError
+        If the motion makes too many impacts.
     """
     v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
     require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")

@@ -92,6 +92,11 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
     """Return both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis.
 
     No cancellation.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        Roots (2, …).
     """
     t, d = np.broadcast_arrays(np.asarray(trace, np.float64), np.asarray(determinant, np.float64))
     with np.errstate(over="ignore"):
@@ -112,10 +117,15 @@ _CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SET
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
-    """Region of each parameter point, as its number in REGIONS, from its period-one orbits.
+    """Return the region of each parameter point, as its number in REGIONS, from its period-one orbits.
 
-    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set of orbits
-    is a region of its own, named by it: ABD.
+    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set has a
+    number of its own.
+
+    Returns
+    -------
+    NDArray[np.int8]
+        Number of each region.
     """
     region = np.asarray(_CODES[np.tensordot(1 << np.arange(len(NAMES)), orbits.exists, 1)])
     region[orbits.exists.all(axis=0) & ~orbits.stable[3]] = REGIONS.index("IV")

@@ -96,6 +96,11 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
 
     It may begin at another impact, if the walls are the same from there, and some forcing periods earlier or later,
     near x.
+
+    Returns
+    -------
+    Array
+        Solutions (…, N).
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -150,6 +155,11 @@ class Periodic(ABC):
         """Return the motion of a solution x (n + 2,) of its equations, with the trace of its tangent map.
 
         Time is folded.
+
+        Returns
+        -------
+        Self
+            The motion.
         """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
@@ -219,6 +229,11 @@ class Periodic(ABC):
 
     def to_dataframe(self) -> DataFrame:
         """Return a row for each impact or contact: its wall, and when and how fast the motion leaves it.
+
+        Returns
+        -------
+        DataFrame
+            The table.
 
         Raises
         ------

@@ -128,6 +128,11 @@ def _solved(start: Local, size: float, derivative: Array) -> Local | None:
     """Return the series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
 
     Order by order W_k changes by (λ^k − DF)⁻¹ of the residual's power k, which is Newton's step but for the bend of F.
+
+    Returns
+    -------
+    Local | None
+        The series, or None.
     """
     x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     solve = np.linalg.pinv(np.vander(x, DEGREE + 1, increasing=True)[:, 2:])

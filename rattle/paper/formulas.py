@@ -95,9 +95,14 @@ def _largest(values: Array) -> float:
 
 
 def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
-    """(rate per forcing period at which ln v falls, periods): many exact bounces from phase 0.
+    """Return the rate per forcing period at which ln v falls over many exact bounces from phase 0.
 
     Taken between equal contact forces: of ln (v³/g)/3, since the ratio v³/g compares speeds at different phases.
+
+    Returns
+    -------
+    tuple[float, float]
+        The rate, and the number of periods.
     """
     end = rattle.iterate_tangent(delta, epsilon, 0.0, v, impacts)
     invariant = [
@@ -112,6 +117,11 @@ def decay_by_formula(factor: float, v: float, periods: float, delta: float = DEL
     """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v².
 
     Over whole periods, from phase 0.
+
+    Returns
+    -------
+    float
+        The rate.
     """
     t, speed = 0.0, v
     while t < periods:

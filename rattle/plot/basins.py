@@ -150,7 +150,7 @@ def panels(
     v: Range = None,
     **added: float | None,
 ) -> Drawing:
-    """Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
+    """Draw Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
 
     Parameters
     ----------
@@ -159,6 +159,11 @@ def panels(
     tau, v : Range
         Ranges (low, high), by default the plane of `Gear.basins`. added: what a model adds, by name; by default it is
         the impacting model.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
 
     Raises
     ------
@@ -199,14 +204,19 @@ def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
 
 
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
-    """Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
+    """Draw Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
 
-    What does not exist there is left out, which a note says.
+    Parts that do not exist there are left out, and a note says so.
 
     Parameters
     ----------
     resolution : int
         Cells a side.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
 
     Raises
     ------

@@ -92,6 +92,11 @@ def colour(motion: Motion) -> str:
 
     It depends on the type alone.
 
+    Returns
+    -------
+    str
+        The colour.
+
     Raises
     ------
     ParameterError
@@ -133,6 +138,11 @@ class Palette:
         """Return the colour (#rrggbb) of one more motion of a type, of which there are several here.
 
         The first has that of the type, each other one a spare one.
+
+        Returns
+        -------
+        str
+            The colour.
 
         Raises
         ------

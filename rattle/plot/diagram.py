@@ -58,10 +58,14 @@ class ImpactCurve(NamedTuple):
 
 
 def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
-    """Return the figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
+    """Draw (a) v and (b) τ against the parameter, limits of the panels given or found.
 
-    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
-    names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
+    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked.
+
+    Returns
+    -------
+    Figure
+        The figure.
     """
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
     return _drawn(diagram, v, tau)
@@ -125,7 +129,14 @@ def branch_figure(branch: Any) -> Figure:
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Figures 5 and 9: the diagram along ε at one damping; at the paper's parameters in the paper's window.
+    """Draw Figures 5 and 9: the diagram along ε at one damping.
+
+    At the paper's parameters in the paper's window.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
 
     Raises
     ------

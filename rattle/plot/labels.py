@@ -115,6 +115,11 @@ class Labels:
         """Write a name where a part of the axes is widest, smaller if need be; whether there is room for it.
 
         inside (rows, columns): whether the cells of an even grid over the axes, from their lower left, are of the part.
+
+        Returns
+        -------
+        bool
+            True if there is room.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
         cells, room = self._rooms(inside)
@@ -135,6 +140,11 @@ class Labels:
         """Return the cell's centre, in data coordinates, that is farthest from lines, labels and the frame.
 
         How far, in pixels.
+
+        Returns
+        -------
+        tuple[Point, float]
+            The centre, and its distance.
         """
         cells, room = self._rooms(inside)
         best = int(np.argmax(room))

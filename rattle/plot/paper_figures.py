@@ -133,7 +133,12 @@ def request(
     beta: float = ranges.BETA,
     **added: float | None,
 ) -> Request:
-    """Figure `number` with other δ, ε or β than the paper's, or of the stiff gear.
+    """Return the request for figure `number` with other δ, ε or β than the paper's, or of the stiff gear.
+
+    Returns
+    -------
+    Request
+        The request.
 
     Raises
     ------
@@ -161,6 +166,11 @@ def request(
 def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
     """Return the figure of the stiff gear's limit, of one δ and one ε.
 
+    Returns
+    -------
+    StiffRequest
+        The request.
+
     Raises
     ------
     ParameterError
@@ -178,6 +188,11 @@ def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, 
 
     What δ and ε are for a figure, FIGURES says.
 
+    Returns
+    -------
+    Drawing
+        The drawing.
+
     Raises
     ------
     ParameterError
@@ -190,6 +205,11 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
     """Return the numbers that the texts of an option are, or the range that a single LOW:HIGH is.
 
     None if there are none.
+
+    Returns
+    -------
+    Given | None
+        The numbers, the range, or None.
 
     Raises
     ------

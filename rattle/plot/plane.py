@@ -75,6 +75,11 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     """Mark and name the codimension-two points that are in the axes, away from these lines and from what is written.
 
     Returns the labels, for more of them; None if there are no points.
+
+    Returns
+    -------
+    Labels | None
+        Labels, for more of them; None if there are no points.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
@@ -100,6 +105,11 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     ----------
     delta, epsilon : Range
         (low, high).
+
+    Returns
+    -------
+    Drawing
+        The drawing.
 
     Raises
     ------
@@ -161,6 +171,11 @@ def _draw_inset(
     """Draw PD1 and G1 by their distance from SN2, before these meet at COD23, into a corner without curves.
 
     Returns the corner in data coordinates; None if the points are not close in the window, or no corner is free.
+
+    Returns
+    -------
+    Box | None
+        Corner in data coordinates, or None.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):

@@ -141,9 +141,14 @@ class Population:
         return tuple(Worst(int(i), each, float(quiet[i]), float(energy[i])) for i, each in rows)
 
     def indices(self, of: str = "quiet") -> dict[str, Index]:
-        """Sobol indices, first and total, of each number that varies.
+        """Return the Sobol indices, first and total, of each number that varies.
 
-        Of a gear's share of quiet runs, or of its mean "energy".
+        For a gear's share of quiet runs, or for its mean "energy".
+
+        Returns
+        -------
+        dict[str, Index]
+            Indices by name.
 
         Raises
         ------
@@ -182,6 +187,11 @@ def share(shares: Array) -> Estimate:
 
     Wilson's interval for as many independent samples as have the variance that the gears show; gears that are all alike
     count as one sample each.
+
+    Returns
+    -------
+    Estimate
+        The mean with its interval.
     """
     n, mean = shares.size, float(shares.mean())
     variance = float(shares.var(ddof=1)) / n
@@ -195,6 +205,11 @@ def quantile(values: Array, q: float) -> Estimate:
     """Return the quantile of values (n, count) of independent rows.
 
     Its interval by where the share below it, with the variance that rows show, can be q. NaN does not count.
+
+    Returns
+    -------
+    Estimate
+        The quantile with its interval.
     """
     known = np.sort(values[~np.isnan(values)])
     value = float(known[min(int(q * known.size), known.size - 1)])
@@ -210,9 +225,14 @@ def quantile(values: Array, q: float) -> Estimate:
 
 
 def ratio(base: Array, other: Array, again: Array) -> Estimate:
-    """Cov(base, other)/Cov(base, again) of gears (n,), by the delta method.
+    """Estimate Cov(base, other)/Cov(base, again) of gears (n,), by the delta method.
 
-    `again` are the same gears with other samples, so that what samples vary by is no part of it.
+    `again` are the same gears with other samples, so that the variation of samples is no part of it.
+
+    Returns
+    -------
+    Estimate
+        The ratio with its interval.
 
     Raises
     ------

@@ -175,6 +175,11 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 def distribution_of(text: str) -> Distribution:
     """Read WORD:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0 (the third and fourth: the ends that it is cut at).
 
+    Returns
+    -------
+    Distribution
+        The distribution.
+
     Raises
     ------
     ParameterError

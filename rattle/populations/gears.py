@@ -90,6 +90,11 @@ def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Ar
     """Return the states (n, count) from which the gears begin.
 
     Those of `Gear.attractors`, or the results of shocks on a gear at rest.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Phases and speeds (n, count).
     """
     at = points.parameters
     if plan.shock is None:
@@ -112,6 +117,11 @@ def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
 
     By their share of quiet runs, with more and more samples until it is told with 95 % confidence, or by the margin of
     quiet running.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        1: it passes, 0: it does not, else undecided.
     """
     if plan.margin is not None:
         least = plan.margin if points.units is None else plan.margin / points.units.velocity

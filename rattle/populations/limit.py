@@ -55,7 +55,7 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one.
+    """Return the limit of a number up to which a gear runs quietly with probability `share`, there and at safer ones.
 
     The largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
 
@@ -69,6 +69,11 @@ def design_limit(
     given : Mapping[str, Any]
         Its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what a
         drawing says of the number itself is passed over.
+
+    Returns
+    -------
+    Limit
+        The limit with its interval.
 
     Raises
     ------
@@ -85,6 +90,11 @@ def design_limits(
     """Return the limit of one number as a curve over another, at these values of it.
 
     `design_limit` with its other arguments.
+
+    Returns
+    -------
+    list[Limit]
+        A limit for each value.
 
     Raises
     ------
@@ -176,6 +186,11 @@ class _Solver:
         """Return the samples, of so many, that end quietly, and those that may.
 
         The latter are undecided ones, if there is a quiet motion.
+
+        Returns
+        -------
+        tuple[int, int]
+            Both numbers.
         """
         points = points_of({**self.given, self.of: np.array([value])})
         at = points.parameters
@@ -209,6 +224,11 @@ class _Solver:
         """Return the first of the values that is too much, by the samples of the scan if these are sure, else by all.
 
         Their number where none is.
+
+        Returns
+        -------
+        int
+            Index of the value.
         """
         for i, value in enumerate(self.scanned):
             few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))

@@ -47,6 +47,11 @@ def population(
         A matrix of those that vary, its rows in this order, of a machine inertia, drag, backlash, eccentricity, radius,
         rpm, stiffness.
 
+    Returns
+    -------
+    Population
+        The population.
+
     Raises
     ------
     ParameterError

@@ -118,7 +118,12 @@ class Tolerances:
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive.
+    """Return gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive.
+
+    Returns
+    -------
+    Points
+        Parameter points of the gears.
 
     Raises
     ------

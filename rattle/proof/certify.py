@@ -21,6 +21,16 @@ def certify(
     Its parameters are the doubles that they are, or exact numbers given here that differ by rounding alone: text such
     as "0.6" or "3/5", or a Fraction. Needs the extra `proof`. Raises ParameterError, and NotProvedError where no proof
     was found, which says why; then the motion may still be there. Source: docs/proofs.md.
+
+    Returns
+    -------
+    Certificate
+        The certificate.
+
+    Raises
+    ------
+    ParameterError
+        If an exact number is not that of the motion.
     """
     require(isinstance(orbit, Periodic), f"orbit must be a periodic motion, got {type(orbit).__name__}")
     events = len(orbit.walls)

@@ -79,6 +79,11 @@ class Motion:
         """Return the errors of y and the velocity at the end of each piece, all 0 for a motion.
 
         With rows {unknown: derivative}.
+
+        Returns
+        -------
+        tuple[list[Interval], list[dict[int, Interval]]]
+            Errors, and rows of derivatives.
         """
         values, rows = [], []
         for p in self.pieces(x):
@@ -132,6 +137,11 @@ class Motion:
         """Return the trace of the tangent map over the period.
 
         That of an impact is [[−1, 0], [2g/v, −1]], v the velocity before.
+
+        Returns
+        -------
+        Interval
+            Enclosure of the trace.
         """
         a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
         for p in self.pieces(x):

@@ -109,6 +109,11 @@ def require_first(flight: Flight, wall: int, target: int, name: str) -> None:
     """Raise NotProvedError unless the flight leaves `wall` and reaches `target` first.
 
     Its speeds are not 0 and all its extrema are between the walls: then it meets none on its way.
+
+    Raises
+    ------
+    NotProvedError
+        If another wall may come first.
     """
     if not flight.t1 > flight.t0:
         raise NotProvedError(f"{name} would take no time")
@@ -124,6 +129,16 @@ def extrema(flight: Flight, name: str) -> Iterator[tuple[int, arb]]:
     """(UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there) of all extrema of a flight.
 
     Between two zeros of g M is monotone, and at them the sign of Φ' is told: each change of sign is an extremum.
+
+    Yields
+    ------
+    tuple[int, arb]
+        UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there.
+
+    Raises
+    ------
+    NotProvedError
+        If the extrema cannot be told apart.
     """
     places = [flight.t0]
     for time in [*cuts(flight), flight.t1]:
@@ -155,6 +170,16 @@ def extremum(flight: Flight, start: arb, end: arb, name: str) -> arb:
     """Return a ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
 
     At any e there |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start.
+
+    Returns
+    -------
+    arb
+        The ball.
+
+    Raises
+    ------
+    NotProvedError
+        If the zero is not enclosed.
     """
     turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):

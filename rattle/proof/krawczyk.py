@@ -50,6 +50,11 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) inside X proves it, whatever C is, and K(X) holds the zero: R. Krawczyk,
     Computing 4 (1969) 187–201.
 
+    Returns
+    -------
+    Enclosure
+        The enclosure.
+
     Raises
     ------
     NotProvedError
@@ -74,6 +79,16 @@ def refined(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, 
     """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method.
 
     Then all of its places follow from the equations alone, not from how a machine adds doubles.
+
+    Returns
+    -------
+    tuple[arb_mat, list[Fraction]]
+        The inverse, and the zero.
+
+    Raises
+    ------
+    NotProvedError
+        If the Jacobian is singular.
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)

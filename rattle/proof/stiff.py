@@ -184,6 +184,11 @@ def require_lasts(contact: Contact, wall: int, name: str) -> None:
 
     At the ends of each part ±y > 0 or, at those of the contact, y = 0; where y' has one sign that is so between them,
     and elsewhere the mean value theorem bounds y.
+
+    Raises
+    ------
+    NotProvedError
+        If the contact may end before.
     """
     if not contact.t1 > contact.t0:
         raise NotProvedError(f"{name} would take no time")

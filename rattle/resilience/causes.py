@@ -112,6 +112,11 @@ def after_part(gear: AnyGear, label: Orbit, found: Any) -> float:
     """Return how far a motion is from closing after a part of its period.
 
     One that does is another one, run through twice.
+
+    Returns
+    -------
+    float
+        Distance from closing.
     """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]

@@ -53,6 +53,11 @@ class Convergence:
 
         The share of all samples that are there by then, with the ends of its 95 % Wilson interval; each of shape
         (attractors, *periods).
+
+        Returns
+        -------
+        tuple[Array, Array, Array]
+            Share, lower and upper end.
         """
         at = np.asarray(periods, np.float64)
         there = self.which[:, None] == np.arange(len(self.attractors))
@@ -114,6 +119,11 @@ def convergence(
         Forcing periods for which samples are followed, by default 300/δ.
     states : States
         Own ones (τ, v) instead of the sample.
+
+    Returns
+    -------
+    Convergence
+        Times of all samples.
 
     Raises
     ------

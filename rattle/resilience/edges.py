@@ -63,6 +63,8 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     ------
     ParameterError
         If an argument is outside its domain.
+    RattleError
+        If both states go to one attractor, or no boundary is found.
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])

@@ -54,6 +54,11 @@ def path_of(path: ArrayLike, beta: float, added: Mapping[str, float | None], ste
         N is one more than so many, even along the path with each parameter in units of its range; by default the path's
         own points.
 
+    Returns
+    -------
+    Parameters
+        Parameters (n,).
+
     Raises
     ------
     ParameterError

@@ -56,6 +56,11 @@ def smallest_shock(
     followed from each state; a basin that is thinner may be nearer. `Gear.boundary_distance` searches harder for quiet
     motion.
 
+    Returns
+    -------
+    LeastShock
+        The shock, with the states before and after it.
+
     Raises
     ------
     ParameterError

@@ -49,6 +49,11 @@ def lift_off(gear: AnyGear) -> tuple[float, float]:
     """Return a departure of a motion at rest on Σ⁺.
 
     Where the contact force vanishes, or would first, hardly faster than 0.
+
+    Returns
+    -------
+    tuple[float, float]
+        Phase and speed.
     """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
     return phase_of_entry(gear.delta, most), SLOW * unit_of(gear)
@@ -66,6 +71,11 @@ def tipping(
 
     The sample is that of `before.attractors`, or own states (τ, v). Both gears must be of one kind. Raises
     ParameterError.
+
+    Returns
+    -------
+    Tipping
+        Numbers of states by both attractors.
     """
     require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)

@@ -76,6 +76,11 @@ class StiffGear(Sampled, Rattling):
 
         The stroboscopic map, if it is whole.
 
+        Returns
+        -------
+        Motion
+            The state after it.
+
         Raises
         ------
         ParameterError
@@ -102,6 +107,11 @@ class StiffGear(Sampled, Rattling):
         """Return the return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
 
         In (t, v²/2) the tangent has determinant e^(−δ time).
+
+        Returns
+        -------
+        Impact
+            State at the next departure, with its tangent.
 
         Raises
         ------
@@ -143,10 +153,14 @@ class StiffGear(Sampled, Rattling):
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
 
-        As `Gear.trajectory`, with the contacts that it begins for impacts; rest: when the contact begins that never
-        ends.
+        As `Gear.trajectory`, with the contacts that it begins for impacts.
+
+        Returns
+        -------
+        Trajectory
+            The sampled motion.
 
         Raises
         ------

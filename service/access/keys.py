@@ -86,6 +86,11 @@ def find_session(database: Database, token: str) -> Caller | None:
     """Return the caller whose browser holds this token.
 
     None once it has signed out, or its time is over, or its key revoked.
+
+    Returns
+    -------
+    Caller | None
+        The caller, or None.
     """
     session = hash_of(token)
     key = database.key_by_session(session)

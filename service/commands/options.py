@@ -62,6 +62,11 @@ def with_options(
     """Give a command options, None by default but for these.
 
     It takes what `taken_as` makes of the given ones, by name, for its first argument.
+
+    Returns
+    -------
+    Command
+        A decorator's result, the command.
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
     command.__annotations__.pop(next(iter(command.__annotations__)))  # of a module that is slow to import, perhaps
@@ -92,6 +97,11 @@ def with_added(command: Command, kind: Any, text: str | None = None, after: str 
     ----------
     text : str | None
         What the option is for, with `{}` where its name in words stands; by default as for a point.
+
+    Returns
+    -------
+    Command
+        The command.
     """
     own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
     options = [
@@ -128,6 +138,11 @@ def with_numbers(command: Command) -> Command:
     """Give a command the numbers of a gear, each one number or a distribution.
 
     It takes those given, as text by name, for its first argument.
+
+    Returns
+    -------
+    Command
+        The command.
     """
     return with_options(command, number_options(str, "NUMBER|DISTRIBUTION"), lambda given: given)
 
@@ -167,6 +182,16 @@ def settings_of(**given: Any) -> Settings:
     """Return settings of a service; None leaves them to the environment.
 
     typer.BadParameter names the wrong option.
+
+    Returns
+    -------
+    Settings
+        The settings.
+
+    Raises
+    ------
+    BadParameter
+        If a setting is wrong.
     """
     from pydantic import ValidationError
 

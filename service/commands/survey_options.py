@@ -121,6 +121,16 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     """Return the request that these options describe, defaults for all others.
 
     Typer.BadParameter names the option that is wrong.
+
+    Returns
+    -------
+    SurveyRequest
+        The request.
+
+    Raises
+    ------
+    BadParameter
+        If an option is wrong.
     """
     from pydantic import ValidationError
 

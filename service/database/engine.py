@@ -27,6 +27,11 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     pool : dict[str, Any]
         How connections are kept; :data:`UNPOOLED` keeps none.
 
+    Returns
+    -------
+    Engine
+        The engine.
+
     Raises
     ------
     DataDirectoryError

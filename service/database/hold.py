@@ -28,6 +28,11 @@ class Hold(Protocol):
 def hold(engine: Engine) -> Hold:
     """Lock a job database. Every write goes through the `writer` of the lock.
 
+    Returns
+    -------
+    Hold
+        The lock.
+
     Raises
     ------
     DataDirectoryError

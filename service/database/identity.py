@@ -61,6 +61,11 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
     """Return a survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
 
     One that waits or runs can be dismissed by its owner, and nobody else shall lose a survey by that.
+
+    Returns
+    -------
+    JobRow | None
+        The survey, or None.
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())

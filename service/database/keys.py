@@ -45,6 +45,11 @@ class Keys(Transactions):
             Cells of all surveys of this key that wait, run or are kept; None for any number.
         max_running : int | None
             Surveys of this key that wait or run, None for the limit of the service.
+
+        Returns
+        -------
+        KeyRow
+            The key.
         """
         with self._write() as (session, _):
             key = KeyRow(

@@ -21,6 +21,11 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 def is_current(engine: Engine) -> bool:
     """Return whether the schema is that of this version. Reads only.
 
+    Returns
+    -------
+    bool
+        True if it is current.
+
     Raises
     ------
     DataDirectoryError

@@ -55,6 +55,11 @@ class Surveys(Transactions):
             Whether the store of a successful survey is still there. Without it none is the same: a survey is computed
             although it was computed before.
 
+        Returns
+        -------
+        JobRow
+            Row of the survey.
+
         Raises
         ------
         ConflictError
@@ -86,6 +91,16 @@ class Surveys(Transactions):
         """Return the survey or population with this id.
 
         UnknownSurveyError if there is none, or it is not of this kind.
+
+        Returns
+        -------
+        JobRow
+            Row of the job.
+
+        Raises
+        ------
+        UnknownSurveyError
+            If there is none, or it is not of this kind.
         """
         with self._read() as session:
             job = _find(session, survey_id)
@@ -185,6 +200,11 @@ class Surveys(Transactions):
         owner : str | None
             Id of the API key that asks, whose quotas count; None without a key.
 
+        Returns
+        -------
+        JobRow
+            Row of the survey.
+
         Raises
         ------
         ConflictError
@@ -235,9 +255,14 @@ class Surveys(Transactions):
             return session.scalar(total) or 0.0
 
     def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
-        """Forget every tile that is not in ``kept``: its chunks have been lost. Returns how many those are.
+        """Forget every tile that is not in ``kept``: its chunks have been lost.
 
-        Who watches is told before the counts fall.
+        Subscribers are notified before the counts fall.
+
+        Returns
+        -------
+        int
+            Number of forgotten tiles.
         """
         with self._write() as (session, _):
             number = _number(session, survey_id)

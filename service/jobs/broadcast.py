@@ -145,6 +145,11 @@ class Broadcast:
             The events of a survey that follow a number, from the database.
         last : int
             Number of an event that has happened.
+
+        Yields
+        ------
+        tuple[Feed, asyncio.Event]
+            The feed, and the event.
         """
         listener = asyncio.Event()
         with self._lock:

@@ -85,7 +85,12 @@ class DataDirectory:
         return self._database.exists()
 
     def store(self, survey_id: str) -> Path | Bucket:
-        """Place of a survey's zarr store, whether it exists or not.
+        """Return the place of a survey's zarr store, whether it exists or not.
+
+        Returns
+        -------
+        Path | Bucket
+            The place.
 
         Raises
         ------

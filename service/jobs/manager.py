@@ -156,6 +156,11 @@ class JobManager:
     def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended, or was dismissed, run again over the tiles that are damaged or missing.
 
+        Returns
+        -------
+        JobRow
+            Row of the survey.
+
         Raises
         ------
         UnknownSurveyError
@@ -394,10 +399,17 @@ class JobManager:
     def lent_client(self) -> Iterator[Client]:
         """Yield the client of the cluster for other threads, whose tasks run beside the tiles of surveys.
 
+        Yields
+        ------
+        Client
+            The client.
+
         Raises
         ------
         UnavailableError
             The cluster is not there.
+        ClusterLostError
+            If there is no cluster.
         """
         if (client := self._client) is None:
             raise UnavailableError(f"The workers cannot be used now (they are {self.cluster_state}). Try again soon.")

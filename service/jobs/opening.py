@@ -24,6 +24,11 @@ def opened(
     on_change : Callable[[str], None]
         Called with the id of a survey after each commit that added an event to it.
 
+    Yields
+    ------
+    tuple[DataDirectory, Database]
+        Directory and database.
+
     Raises
     ------
     DataDirectoryError

@@ -53,6 +53,11 @@ def printable(text: str) -> str:
     """Return the text in one line.
 
     What cannot be printed, or ends a line, or turns it round, is written as Python does.
+
+    Returns
+    -------
+    str
+        The text.
     """
     if text.isprintable():
         return text

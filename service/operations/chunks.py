@@ -38,6 +38,11 @@ def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  #
     -------
     Manifest
         The manifest.
+
+    Raises
+    ------
+    LookupError
+        If the store has none.
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError

@@ -39,7 +39,12 @@ class DesignLimits:
         self._known: dict[Key, dict[float, Limit]] = {}
 
     async def along(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
-        """Dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first.
+        """Yield dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first.
+
+        Yields
+        ------
+        tuple[Array, Array]
+            Dampings and limits.
 
         Raises
         ------

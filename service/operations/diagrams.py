@@ -26,6 +26,11 @@ def diagram_ends(
     """Return the points (δ, ε) where the diagram begins and ends.
 
     Through the point along "epsilon" or "delta", or from there to another one.
+
+    Returns
+    -------
+    tuple[Pair, Pair]
+        Begin and end.
     """
     if to is not None:
         return (gear.delta, gear.epsilon), to

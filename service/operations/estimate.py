@@ -126,6 +126,11 @@ def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether samples are watched for about as long.
 
     In relaxation times where damping is weak, within the budget.
+
+    Returns
+    -------
+    bool
+        True if it is about as long.
     """
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions

@@ -40,6 +40,11 @@ def submit_survey(
 ) -> JobRow:
     """Accept a survey, or a population, or find the one that is the same.
 
+    Returns
+    -------
+    JobRow
+        Row of the survey.
+
     Raises
     ------
     LimitError
@@ -73,6 +78,11 @@ def submit_survey(
 def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow | None:
     """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
 
+    Returns
+    -------
+    JobRow | None
+        Row of a dismissed survey, or None.
+
     Raises
     ------
     UnknownSurveyError
@@ -91,6 +101,11 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
 def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
     """Give a survey another name or other notes. What it computes, and its store, stay.
 
+    Returns
+    -------
+    JobRow
+        Row of the survey.
+
     Raises
     ------
     UnknownSurveyError
@@ -104,6 +119,11 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow:
     """Let a survey that has ended, or was dismissed, go on: what is damaged or missing of it is computed.
+
+    Returns
+    -------
+    JobRow
+        Row of the survey.
 
     Raises
     ------

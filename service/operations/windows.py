@@ -91,6 +91,11 @@ async def refine(
     closed form come at once at full resolution. Who is slower than the workers gets the newest frame. Closing this
     (``aclose``, or cancelling the task) gives up what is not begun. Waits for its turn behind `Settings.max_windows`.
 
+    Yields
+    ------
+    Frame
+        Frames ever finer.
+
     Raises
     ------
     SurveyError

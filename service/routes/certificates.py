@@ -49,7 +49,10 @@ class Certificates(BaseModel):
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Answer with the certificates of a survey that was submitted with `certify`. It grows once all tiles are computed."""
+    """Answer with the certificates of a survey that was submitted with `certify`.
+
+    They grow once all tiles are computed.
+    """
     job, out = _stored(front, survey_id)
     here = f"{path_of(survey_id)}/certificates"
     links = CertificateLinks(

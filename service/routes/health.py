@@ -78,7 +78,7 @@ def health(front: FrontState, request: Request) -> Health:
 
 @router.get("/ready", summary="Whether the service can do its work now")
 def ready(front: FrontState) -> Ready:
-    """Needs no key.
+    """Answer 200 once the service can work; needs no key.
 
     503 with Retry-After until kernels are compiled and workers are there, and while nothing can be stored: for a load
     balancer, or a script that waits.

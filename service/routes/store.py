@@ -60,9 +60,10 @@ async def read(
     key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "region/c/0/0"])],
     request: Request,
 ) -> Response:
-    """Return a chunk that is not computed yet has no file: 404, which zarr reads as fill values.
+    """Read a file of a store.
 
-    One that was computed and cannot be read is no fill value: 503, and POST …/verify computes it again.
+    A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and cannot
+    be read is no fill value: 503, and POST …/verify computes it again.
     """
     return await stored_file(front, survey_id, Kind.SURVEY, key, request)
 

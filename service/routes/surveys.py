@@ -140,10 +140,9 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declared(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """Return a survey that was successful, was dismissed, or failed and may succeed now, waits and runs again.
+    """Let a survey that was successful, was dismissed, or failed and may succeed now, wait and run again.
 
-    Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile. Only the key
-    that submitted a survey may ask for this.
+    Every chunk has a checksum: those that are whole are kept as they are, and stay readable.
     """
     job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)
@@ -163,10 +162,10 @@ def describe(
     survey_id: SurveyId,
     body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
 ) -> SurveyDetail:
-    """Return at any time, by the key that submitted it.
+    """Describe a survey at any time, by the key that submitted it.
 
-    What is left out stays as it is; so does the store, which keeps the name that it was submitted with, and identical
-    surveys are found whatever they are called.
+    Fields that are left out stay as they are; so does the store, which keeps the name that it was submitted with, and
+    identical surveys are found whatever their names.
     """
     return _detail(front, describe_survey(front, caller, survey_id, body))
 
@@ -178,9 +177,10 @@ def describe(
     responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
 )
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
-    """Return a dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
+    """Dismiss a survey that waits or runs, or delete one that has ended.
 
-    Every key may read every survey; only the key that submitted one may remove it.
+    A dismissed survey keeps its computed tiles until it is deleted by a second DELETE. Every key may read every survey;
+    only the key that submitted one may remove it.
     """
     dismissed = remove_survey(front, caller, survey_id)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)

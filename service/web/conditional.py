@@ -70,6 +70,11 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
     ----------
     modified : str | None
         ISO 8601, since when it has been as it is; None if it may change more than once a second.
+
+    Returns
+    -------
+    Response
+        The response.
     """
     body = document.model_dump_json().encode()
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
@@ -115,6 +120,9 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Return the version of answers: it changes with the code that computes, and with the code here that writes them."""
+    """Return the version of answers.
+
+    It changes with the code that computes, and with the code here that writes them.
+    """
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

@@ -17,6 +17,11 @@ RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 async def object_response(store: Bucket, key: str, request: Request) -> Response:
     """Return the object, the range of it that is asked for, or 304. Chunks are small enough to be held whole.
 
+    Returns
+    -------
+    Response
+        The response.
+
     Raises
     ------
     HTTPException

@@ -84,6 +84,11 @@ def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, name
     """Return the edges of the families of a survey from those in its parts.
 
     Family: of each component, which indexes it.
+
+    Returns
+    -------
+    Edges
+        The edges.
     """
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)

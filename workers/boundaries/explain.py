@@ -83,6 +83,16 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
         How many curves of other than period-one motions may be computed.
     families : xr.Dataset | None
         Its group of that name, if it has one.
+
+    Returns
+    -------
+    Explanation
+        The explanation.
+
+    Raises
+    ------
+    SurveyError
+        If the survey has neither regions nor attractors, or no curves.
     """
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
@@ -153,7 +163,7 @@ class _Search:
             yield replace(item, explains=int(np.sum(own | region)))
 
     def covers_region(self) -> np.ndarray:
-        """Flags of the pairs (n,) that differ in their region and have a curve for it."""
+        """Return flags of the pairs (n,) that differ in their region and have a curve for it."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
@@ -161,6 +171,11 @@ class _Search:
         """Return the attractors that change between a pair and that no curve there concerns.
 
         Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
+
+        Returns
+        -------
+        list[Label]
+            The labels.
         """
         changed = self.changes[n]
         here = [item.labels for item in self.known if item.crosses[n]] + [self.met.get(n, frozenset())]
@@ -200,7 +215,7 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """Yield the motions A–D of each cell that do not exist, or with other stability, in the other, and its (δ, ε)."""
+        """Yield the motions A–D that differ in existence or stability between the cells, and the (δ, ε) of each."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):

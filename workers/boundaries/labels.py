@@ -11,6 +11,11 @@ def labels_of(name: str) -> frozenset[Label]:
     """Return the attractors that a period-one curve makes or ends.
 
     The stiff gear's curves have the names of their limits.
+
+    Returns
+    -------
+    frozenset[Label]
+        The labels.
     """
     if name == curves.QUIET_LIMIT:
         return frozenset({QUIET_LABEL})

@@ -49,6 +49,11 @@ class Grid:
         """Read what is compared; families: the group of that name.
 
         Raises SurveyError if the survey has neither regions nor attractors.
+
+        Raises
+        ------
+        SurveyError
+            If the survey has neither regions nor attractors.
         """
         self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
         self.beta = surveyed_model(dataset).beta

@@ -173,9 +173,7 @@ class _Processes:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of workers: the present variables, without warnings of semaphores left by killed
-    processes.
-    """
+    """Return the environment of workers: the present variables, without warnings of left semaphores."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -197,6 +195,11 @@ def embedded_cluster(
         How far their priority is below that of others, up to 19.
     should_stop : Callable[[], bool]
         Asked several times a second, while they start: whether they shall not any more.
+
+    Yields
+    ------
+    Client
+        A client of the cluster.
 
     Raises
     ------
@@ -250,6 +253,11 @@ def connect(url: str) -> Iterator[Client]:
     url : str
         Address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read anew
         at each call: a batch system starts the next scheduler elsewhere.
+
+    Yields
+    ------
+    Client
+        A client of the scheduler.
 
     Raises
     ------

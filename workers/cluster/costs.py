@@ -86,6 +86,11 @@ class Begun:
         """Sort tiles: those that were begun, then the most expensive ones, of equal ones all over the plane.
 
         A few stay in their order.
+
+        Returns
+        -------
+        list[AnyTile]
+            The tiles in order.
         """
         if len(tiles) + len(self.foreseen) < MANY:
             return list(tiles)
@@ -118,6 +123,11 @@ def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
 
     Every second row and column comes before the others, of these every second one first, and so on, as in ordered
     dithering.
+
+    Returns
+    -------
+    list[AnyTile]
+        The tiles in order.
     """
 
     def rank(tile: AnyTile) -> int:

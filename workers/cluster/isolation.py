@@ -31,6 +31,11 @@ def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -
     ----------
     memory : int | None
         Bytes of data that the process may have; a cell that needs more fails.
+
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
+        Arrays of the tile, and its record.
     """
     return compute_tile(request, tile, outcomes=_outcomes(request, tile, memory))
 

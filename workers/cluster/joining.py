@@ -45,6 +45,11 @@ class Joining(InFlight[_Item, Any]):
     def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Do a task with each of these arguments, as many as the cluster has threads at a time; results in order.
 
+        Returns
+        -------
+        list[Any]
+            Results, in order.
+
         Raises
         ------
         StoppedError

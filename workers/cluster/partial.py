@@ -42,6 +42,11 @@ def is_divisible(request: AnyRequest, cells: int) -> bool:
     """Return whether a tile of so many cells can take long and be computed in parts.
 
     Closed forms take no time, and the leaves of a refined survey share cells.
+
+    Returns
+    -------
+    bool
+        True if it is divisible.
     """
     if cells < FEW:
         return False
@@ -67,6 +72,11 @@ def compute_partly(
     expected : float
         Seconds of a cell in the slowest part of the survey so far. A tile that is quick even so is computed at once: in
         groups it would take longer.
+
+    Returns
+    -------
+    PartialTile
+        The tile with more cells computed.
     """
     began = time.perf_counter()
     part = before or _nothing(tile)

@@ -34,6 +34,11 @@ def refined(
     should_stop : Callable[[], bool]
         Asked several times a second; after a stop there are no more frames.
 
+    Yields
+    ------
+    Frame
+        Frames ever finer.
+
     Raises
     ------
     SurveyError

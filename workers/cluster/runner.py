@@ -63,6 +63,11 @@ def advance_tile(
     """Compute a tile and write it to the store, or a part of it that takes so many seconds.
 
     The task that a cluster runs, again if it has to. A tile that is computed apart has no parts.
+
+    Returns
+    -------
+    TileRecord | PartialTile
+        Record of the tile, or its computed part.
     """
     if apart or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, apart)
@@ -92,6 +97,11 @@ def template_on(client: Client, request: AnyRequest, created: str | None, should
     ----------
     should_stop : Callable[[], bool]
         Asked several times a second; then the process that computes it is ended.
+
+    Returns
+    -------
+    Template
+        The template.
 
     Raises
     ------

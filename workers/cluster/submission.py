@@ -73,6 +73,11 @@ class Submission(InFlight[Attempt, Found]):
         """Return how many more tiles keep every thread busy.
 
         None waits at a worker: dask counts a worker's death against everything that is there, and would blame it.
+
+        Returns
+        -------
+        int
+            Number of tiles.
         """
         self.n_threads = self.threads(WORKERLESS_SECONDS)
         return max(self.n_threads - len(self.in_flight), 0)
@@ -91,6 +96,11 @@ class Submission(InFlight[Attempt, Found]):
         ----------
         again : bool
             Also those that have been repeated; they may only be slow, and others would wait for the workers.
+
+        Returns
+        -------
+        int
+            Number of tiles.
         """
         late_since = time.monotonic() - max(LATE_SECONDS, LATE_FACTOR * self._longest)
         attempts = Counter(each.work.tile.index for each in self.in_flight.values())
@@ -121,6 +131,11 @@ class Submission(InFlight[Attempt, Found]):
         """Return the record of the next tile that ends, or a tile of which a part is computed now.
 
         None if there is neither in this time.
+
+        Returns
+        -------
+        TileRecord | AnyTile | None
+            The record, the tile, or None.
         """
         if (ended := self.next_ended(seconds)) is None:
             return None

@@ -78,6 +78,11 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
     All else is as in `request`, what it has by default too, but for the tile, the default one; nothing is proved.
 
+    Returns
+    -------
+    SurveyRequest
+        The request.
+
     Raises
     ------
     ParameterError

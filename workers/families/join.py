@@ -124,6 +124,11 @@ class _Join:
         """Return the attractors that enter each block, in rounds until no block gets a new one.
 
         A new attractor of one block is continued into its neighbours.
+
+        Returns
+        -------
+        list[Attractors]
+            Attractors by block.
         """
         nothing = no_attractors()
         new: list[Attractors] = self._of_blocks(enter, [(nothing, None)] * len(self.blocks))

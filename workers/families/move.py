@@ -31,6 +31,11 @@ def move_tile(
     ----------
     blocks : Sequence[Block]
         Those that cover it; known: the digests of its chunks before.
+
+    Returns
+    -------
+    Mapping[str, str]
+        Digests of its chunks, by their key.
     """
     values = read_tile(request, path, tile, known)
     computed = values is not None

@@ -44,6 +44,11 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
     slice_number : int | None
         Of a survey with a third axis, from 0: each slice has families of its own.
 
+    Returns
+    -------
+    xr.Dataset
+        The map.
+
     Raises
     ------
     SurveyError
@@ -58,6 +63,16 @@ def family_of(
     """Return the same of a survey that is told of by its name, and that `opened` opens, or a group of it.
 
     Raises as `open_family`.
+
+    Returns
+    -------
+    xr.Dataset
+        The map.
+
+    Raises
+    ------
+    SurveyError
+        If there are no families, or none of this number.
     """
     import xarray as xr
 

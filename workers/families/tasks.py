@@ -106,6 +106,11 @@ def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors
     """Join the attractors of a block with each other and with those that follow it.
 
     Entered: what entered the block, beside: what entered these. Keeps the component of each.
+
+    Returns
+    -------
+    Connected
+        Components and their links.
     """
     place, columns = place_of(path), request.shape[1]
     frame = with_rim(block.cells, request.shape, before=0)
@@ -148,6 +153,11 @@ def tell(
     ----------
     beyond : Border
         Of the attractors that follow it.
+
+    Returns
+    -------
+    Told
+        The summary.
     """
     place = place_of(path)
     found = attractors_in(request, place, block.cells, block.along)
@@ -165,6 +175,11 @@ def write_families(
     """Write the families of a block, and keep the slots of its attractors.
 
     Family, slot: of each of its components and −1, slot −1: none in all cells. Returns the digest of what was written.
+
+    Returns
+    -------
+    str
+        Digest of the written file.
     """
     place, cells = place_of(path), block.cells
     found = attractors_in(request, place, cells, block.along)
@@ -194,6 +209,11 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
     """Return the attractors of a block in their order, their components in it, and whether its tiles list them.
 
     Found: those that they list.
+
+    Returns
+    -------
+    tuple[Attractors, np.ndarray, np.ndarray]
+        Attractors, components and flags.
     """
     table = together(found.attractors, entered)
     order = in_order(table)

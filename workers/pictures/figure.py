@@ -24,6 +24,11 @@ PANELS = {
 def survey_figure(dataset: xr.Dataset) -> Figure:
     """Draw a survey, finished or not: a panel each for regions, quiet fraction and largest Lyapunov exponent.
 
+    Returns
+    -------
+    Figure
+        The figure.
+
     Raises
     ------
     SurveyError

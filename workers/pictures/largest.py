@@ -46,6 +46,16 @@ def open_maps(
     ----------
     opened : Callable[[str | None], xr.Dataset]
         Opens the survey, or a group of it.
+
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
+    Raises
+    ------
+    SurveyError
+        If no slice is meant, there are no families, or too many cells.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -63,6 +73,11 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     """Return a survey, or a slice of it, with two more variables.
 
     LARGEST (among, epsilon, delta) and SHARE (family, …).
+
+    Returns
+    -------
+    xr.Dataset
+        The survey with both.
     """
     with reading("the families"):
         names, colours = names_of(survey, table), colours_of(table)
@@ -117,6 +132,11 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
     ----------
     family, share : np.ndarray
         (slots, …), family −1 where a slot has none.
+
+    Returns
+    -------
+    np.ndarray
+        Number of the family in each cell.
     """
     share = np.where(family >= first, np.nan_to_num(share), 0.0)
     best, most = np.full(family.shape[1:], -1, np.int32), np.zeros(family.shape[1:])

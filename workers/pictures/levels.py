@@ -128,6 +128,11 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     opened : OpenGroup | None
         Of the same survey or slice; without levels in the store the map is read in whole.
 
+    Returns
+    -------
+    xr.Dataset
+        The reduced map.
+
     Raises
     ------
     SurveyError

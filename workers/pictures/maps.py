@@ -107,6 +107,11 @@ def map_picture(
     form : Form
         What is returned, a PNG, an SVG or a PDF file.
 
+    Returns
+    -------
+    bytes
+        Bytes of the file.
+
     Raises
     ------
     SurveyError
@@ -143,6 +148,11 @@ def map_figure(
         its families as maps.
     over : Over
         What was found beforehand, to be drawn over it.
+
+    Returns
+    -------
+    Figure
+        The figure.
 
     Raises
     ------

@@ -95,6 +95,11 @@ def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, n
 
     Of a tidy form only entries that are one have a row, and what has a number or a name besides, as of an exponent, is
     a column for each.
+
+    Yields
+    ------
+    dict[str, np.ndarray]
+        Columns of a band, by name.
     """
     for one in slices_of(dataset):
         yield from _table(one, form)
@@ -120,7 +125,10 @@ def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Return the values along one axis, in every cell of a band: the speeds and eccentricities of a machine's survey."""
+    """Return the values along one axis, in every cell of a band.
+
+    They are the speeds and eccentricities of a machine's survey.
+    """
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
@@ -156,6 +164,11 @@ def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
 
 def write_parquet(dataset: xr.Dataset, form: Form = Form.CELLS) -> IO[bytes]:
     """Return a table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
+
+    Returns
+    -------
+    IO[bytes]
+        The file.
 
     Raises
     ------

@@ -55,6 +55,11 @@ class Integrity:
 def examine(where: str | Path | Place) -> Integrity:
     """Read every file of a survey's store. A chunk that is not there is lost once the survey was completed.
 
+    Returns
+    -------
+    Integrity
+        The findings.
+
     Raises
     ------
     SurveyError
@@ -139,6 +144,11 @@ def examine_tiles(
     ----------
     should_stop : Callable[[], bool] | None
         Asked at each tile.
+
+    Returns
+    -------
+    tuple[set[int], dict[int, tuple[str, ...]]]
+        Tiles that are computed and whole; variables of the damaged ones.
 
     Raises
     ------

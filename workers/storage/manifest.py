@@ -30,6 +30,11 @@ Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 def read(place: Place, key: str) -> bytes | None:
     """Return a file; None if it is not there, or the disk cannot read it.
 
+    Returns
+    -------
+    bytes | None
+        Bytes of the file, or None.
+
     Raises
     ------
     SurveyError
@@ -60,6 +65,11 @@ _parsed = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
 
 def known_manifest(place: Place) -> Manifest:
     """Return the manifest of a store.
+
+    Returns
+    -------
+    Manifest
+        The manifest.
 
     Raises
     ------
@@ -102,6 +112,11 @@ def whole_root(place: Place, manifest: Manifest) -> bytes | None:
 def attributes_of(place: Place) -> dict[str, Any]:
     """Return what the root says.
 
+    Returns
+    -------
+    dict[str, Any]
+        Attributes of the root.
+
     Raises
     ------
     StorageError
@@ -118,6 +133,11 @@ def noting(place: Place) -> Iterator[Note]:
 
     The caller holds the store, and changes nothing else of its manifest meanwhile. A kill loses the tiles that the
     manifest on the disk does not have yet, a two-hundredth at most; they are computed again.
+
+    Yields
+    ------
+    Note
+        The function.
 
     Raises
     ------

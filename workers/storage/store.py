@@ -154,6 +154,11 @@ def tiles_done(
 
     Every chunk is read, for its checksum; `should_stop` is asked at each tile.
 
+    Returns
+    -------
+    set[int]
+        Indices of the tiles.
+
     Raises
     ------
     SurveyError
@@ -178,6 +183,11 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     """Write every variable of a tile.
 
     It is computed once the digests of its chunks, which this returns by their key, are in the manifest.
+
+    Returns
+    -------
+    dict[str, str]
+        Digests of its chunks, by their key.
 
     Raises
     ------
@@ -206,6 +216,11 @@ def _place(path: str, request: AnyRequest) -> Place:
 
 def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str, str]) -> dict[str, np.ndarray] | None:
     """Read every variable of a computed tile; None if it is damaged. known: the digests of its chunks, by their key.
+
+    Returns
+    -------
+    dict[str, np.ndarray] | None
+        Arrays by variable, or None.
 
     Raises
     ------
@@ -319,6 +334,8 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
     ------
     StorageError
         It cannot be written now.
+    SurveyError
+        If the store cannot be written.
     """
     try:
         if TOLD[-1] in said_by_root(place):
@@ -346,6 +363,11 @@ def _refined(place: Place) -> dict[str, int | float]:
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
     """Yield the values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
+
+    Yields
+    ------
+    np.ndarray
+        Values of a row of tiles.
 
     Raises
     ------
@@ -378,6 +400,11 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     as_stored : bool
         Leave complex variables in their two parts, which NetCDF can hold.
 
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
     Raises
     ------
     SurveyError
@@ -404,6 +431,11 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
     """Open what a survey has beside its cells, as it is stored: curves, their points and families, by their paths.
 
     Levels, which say nothing that cells do not, are opened one by one.
+
+    Returns
+    -------
+    dict[str, xr.Dataset]
+        Data sets by path.
 
     Raises
     ------

@@ -38,6 +38,11 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
     besides : str
         Characters that may be in it all the same, such as line breaks.
 
+    Returns
+    -------
+    str
+        The text.
+
     Raises
     ------
     ValueError
@@ -170,6 +175,11 @@ def words_of(detail: Mapping[str, Any]) -> str:
     ----------
     detail : mapping
         An entry of `errors()` of pydantic's ValidationError, or one like it with a `msg` alone.
+
+    Returns
+    -------
+    str
+        The sentence.
     """
     kind, given = detail.get("type"), detail.get("input")
     context = {**detail.get("ctx", {}), "input": _shortened(given)}

@@ -28,6 +28,11 @@ def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, n
     """Return the crossings of a polyline of (x, y) with the lines of y between an x and the next.
 
     Numbers of that y and that x.
+
+    Returns
+    -------
+    tuple[np.ndarray, np.ndarray]
+        Both numbers of each crossing.
     """
     if len(curve[0]) < 2 or x.size < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

@@ -156,6 +156,11 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
     Half a cell more on each side, where δ is positive and ε not negative.
 
     So a curve that crosses a cell, also one on the border, has points on both sides of it.
+
+    Returns
+    -------
+    Window
+        The window.
     """
     low, high = _around(delta, 0.0)
     bottom, top = _around(epsilon, LEAST_EPSILON)
@@ -184,6 +189,11 @@ def crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]
     """Return the passages of each curve of a model between the cells of a grid.
 
     As it is traced for the template.
+
+    Returns
+    -------
+    tuple[Crossings, ...]
+        Passages of each curve.
     """
     grid = delta.values(), epsilon.values()
     found = (traced(name, model, window_around(*grid)) for name in model.curve_names)
@@ -200,6 +210,11 @@ def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[st
     """Return the attributes of a curve, and why its group is empty if it is.
 
     The reference is the model's, which lacks some curves.
+
+    Returns
+    -------
+    dict[str, str]
+        Attributes by name.
     """
     attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
     if isinstance(curve, Missing):

@@ -103,6 +103,11 @@ def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
     """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n).
 
     In their order, whatever their slots, cells numbered row by row of the rectangle.
+
+    Returns
+    -------
+    Slots
+        The attractors.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
@@ -139,6 +144,11 @@ def with_empty(source: np.ndarray) -> np.ndarray:
     """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order.
 
     So empty ones stay as they are.
+
+    Returns
+    -------
+    np.ndarray
+        The slots, filled.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
     np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
@@ -180,6 +190,11 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
     """Return the slots of attractors (k,), in each cell by falling share, from those of their families (k,), −1: none.
 
     What has none, and what a cell has of a family besides the first, gets the lowest that is free in its cell.
+
+    Returns
+    -------
+    np.ndarray
+        Slot of each attractor.
     """
     slot = np.full(family.size, -1)
     used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # a bit for each slot of a cell
@@ -228,6 +243,11 @@ def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, t
     ----------
     found : Mapping[Along, tuple[Joined, Any]]
         Of each slice its families, and what EDGE_VARIABLES are read from.
+
+    Returns
+    -------
+    Template
+        Files by key.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)

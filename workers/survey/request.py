@@ -347,6 +347,11 @@ class SurveyRequest(_Numbers):
         """Return the place of a slice by its number, of the last one beyond.
 
         () without a third axis, whatever the number.
+
+        Returns
+        -------
+        Along
+            Index of the slice, or ().
         """
         return (min(number, self.n_slices - 1),) if self.third else ()
 
@@ -445,6 +450,11 @@ class SurveyRequest(_Numbers):
 
         The name is left out: renaming a survey does not make it another one. The tile shape counts, though no cell
         depends on it, because it is the chunk shape of the store that a resumed run writes to.
+
+        Returns
+        -------
+        str
+            64 hexadecimal digits.
         """
         content = self.model_dump(mode="json", exclude={"name", "tile", "slots", "slots_by"})
         content["initial_conditions"]["v_max"] = self.v_max

@@ -24,6 +24,11 @@ def require_slice(third: Mapping[str, int], number: int | None) -> None:
         The length of the third axis by its name, if there is one.
     number : int | None
         None of a survey without one.
+
+    Raises
+    ------
+    SurveyError
+        If there is no such slice.
     """
     if not third and number is not None:
         raise SurveyError("this survey has no third axis: leave slice out")
@@ -68,6 +73,11 @@ def surveyed_model(dataset: xr.Dataset) -> Model:
     """Return the model of an open survey without a third axis, or of a slice.
 
     Surveys from before there were two models name none, older ones have parameters as attributes alone.
+
+    Returns
+    -------
+    Model
+        The model.
 
     Raises
     ------

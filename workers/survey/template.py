@@ -48,6 +48,11 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
 
     Its metadata is consolidated here: chunks never touch it, so a survey can be opened from disk and over HTTP while it
     runs, and nothing is left to go stale.
+
+    Returns
+    -------
+    Template
+        Files by key.
     """
     kept: dict[str, Buffer] = {}
     created = created or now()
@@ -70,6 +75,11 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
     ----------
     chunks : dict[str, str]
         Each variable's key of chunks, with {row} and {column}.
+
+    Returns
+    -------
+    Template
+        Files by key.
     """
     consolidate(MemoryStore(kept))
     template = contents(kept)
@@ -85,6 +95,11 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     """Return what tiles write to, in memory: where it is kept, the arrays, and the key of each variable's chunks.
 
     What a store on a disk says of itself has no part in what is written to it.
+
+    Returns
+    -------
+    tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
+        Buffers, arrays and keys.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
@@ -156,6 +171,11 @@ def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
     """Return the parameters that all cells of a slice have, and what they are.
 
     Coordinates without a dimension, but for a third axis.
+
+    Returns
+    -------
+    dict[str, tuple[float | Axis, str]]
+        Value and description by name.
     """
     return {each.name: (request.others[each.name], each.long_name) for each in MODELS[request.model].parameters()}
 

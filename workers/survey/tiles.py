@@ -181,6 +181,11 @@ def cell_outcomes(
     ----------
     failing : tuple[type[Exception], ...]
         Failures of the machine that are a cell's failure here.
+
+    Yields
+    ------
+    CellOutcome
+        Outcome of each cell.
     """
     cells = cells_of(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):

@@ -14,6 +14,11 @@ def code_version() -> str:
     """Return the version of the library with a digest of every source that decides what a cell holds.
 
     Those of surveys and of populations.
+
+    Returns
+    -------
+    str
+        Version and digest.
     """
     digest = sha256(rattle.source_hash().encode())
     for folder in FOLDERS:

@@ -152,6 +152,11 @@ def stretched(b, i):
     """Return ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
 
     There a flight has determinant e^(−δs); dw²/2 = w dw at both ends.
+
+    Returns
+    -------
+    result
+        Both logarithms.
     """
     w = b.w[i]
     energy = b.w_tangent[i] * w
@@ -214,6 +219,11 @@ def roughest(b, groups):
     """Return the roughest stage that the lanes need.
 
     ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH.
+
+    Returns
+    -------
+    result
+        SMOOTH, ROUGH or ARCS.
     """
     found = SMOOTH
     for i in range(GROUP * groups):
@@ -222,9 +232,14 @@ def roughest(b, groups):
 
 
 def block() -> np.ndarray:
-    """Memory for one block (1,), aligned to cache lines.
+    """Return memory for one block (1,), aligned to cache lines.
 
     Kernels take the array: numba takes no record whose fields overlap from Python.
+
+    Returns
+    -------
+    np.ndarray
+        An array with one record.
     """
     raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64

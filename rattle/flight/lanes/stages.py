@@ -148,6 +148,11 @@ def keep_or_take(go, new, old):
 
     LLVM makes a masked store of a choice that goes back to where the old number came from, and without AVX-512 these
     are slow. The maximum, which changes no number, hides from LLVM where it came from.
+
+    Returns
+    -------
+    result
+        The chosen number.
     """
     return new if go else max(old, LEAST)
 

@@ -116,6 +116,11 @@ class _Cells:
         """Return whether states (k,) of these cells go to another attractor.
 
         Chaotic is what is left in a cell with chaos.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for states that go to another attractor.
         """
         status = self.classifier.settled(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
@@ -215,9 +220,14 @@ class _Cells:
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: SpeedLimit = None
 ) -> BoundaryDistance:
-    """`Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast.
+    """Return `Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast.
 
     A cell's values do not depend on the other cells.
+
+    Returns
+    -------
+    BoundaryDistance
+        The distance of each cell.
 
     Raises
     ------

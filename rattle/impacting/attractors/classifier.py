@@ -117,6 +117,11 @@ def attractors_of(
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
     a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max).
 
+    Returns
+    -------
+    AttractorTable
+        A row for each attractor.
+
     Raises
     ------
     ParameterError

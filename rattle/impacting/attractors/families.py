@@ -31,6 +31,11 @@ def families_of(
     count, v_max, seed, budget
         Of the samples, as in `attractors_of`. docs/families.md has what is meant.
 
+    Returns
+    -------
+    Families
+        The families, and the cells' attractors with their numbers.
+
     Raises
     ------
     ParameterError

@@ -104,6 +104,11 @@ def branch(
     resolution : int
         Points over the span, at least.
 
+    Returns
+    -------
+    Branch
+        The branch.
+
     Raises
     ------
     ParameterError
@@ -127,6 +132,16 @@ def doubled(
     """Return the branch of period-doubled motions that leaves a flip (PD), from there.
 
     Arguments and errors as `branch`.
+
+    Returns
+    -------
+    Branch
+        The branch.
+
+    Raises
+    ------
+    RattleError
+        If the event is no flip.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
@@ -141,9 +156,19 @@ def doubled(
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
     """Return the branches that meet at a graze (GR).
 
-    Of the motion that misses the wall, and of the one that touches it.
+    They belong to the motion that misses the wall, and to the one that touches it. Arguments and errors as `branch`.
 
     Arguments and errors as `branch`.
+
+    Returns
+    -------
+    tuple[Branch, Branch]
+        Both branches.
+
+    Raises
+    ------
+    RattleError
+        If the event is no graze.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
@@ -157,7 +182,15 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
 
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
-    """Return the branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`."""
+    """Return the branch through a solution x (n + 2,) of the impact equations.
+
+    Other arguments and errors as `branch`.
+
+    Returns
+    -------
+    Branch
+        The branch.
+    """
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
@@ -204,6 +237,11 @@ def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
     """Return whether Newton's method leads from one motion to the other.
 
     Next to a fold it may find a neighbour of it.
+
+    Returns
+    -------
+    bool
+        True if it does.
     """
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)

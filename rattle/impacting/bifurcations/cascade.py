@@ -17,10 +17,15 @@ def cascade(
 ) -> tuple[Event, ...]:
     """Return the period-doubling cascade of a stable motion as the parameter grows.
 
-    The flip at which it loses stability, that of the doubled motion and so on, for so many doublings, or up to the
-    graze or saddle-node that ends a stable branch.
+    It holds the flip at which it loses stability, that of the doubled motion and so on, for so many doublings, or up to
+    the graze or saddle-node that ends a stable branch.
 
     Arguments and errors as `branch`.
+
+    Returns
+    -------
+    tuple[Event, ...]
+        The events, in order.
     """
     doublings = require_integer("doublings", doublings, 1, MOST_DOUBLINGS)
     here, found = branch(orbit, parameter, span), list[Event]()

@@ -105,12 +105,17 @@ class CodimensionTwo:
 
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
-    """COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta.
+    """Return the points COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta.
 
-    Points that it does not have are left out, and below β = 1e-6 all.
+    Points that it does not have are left out, and below β = 1e-6 all. Positions to about 1e-12, orders by a fit.
 
     Positions to about 1e-12, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
     the paper's (section 5.2); COD20 and COD23 are not in it.
+
+    Returns
+    -------
+    tuple[CodimensionTwo, ...]
+        The points.
     """
     beta = require_number("beta", beta, positive=True)
     return _points(beta)

@@ -52,6 +52,11 @@ def trace(
     delta, epsilon : tuple[float, float]
         (low, high) of the window, dimensionless.
 
+    Returns
+    -------
+    Curve
+        The curve in pieces.
+
     Raises
     ------
     ParameterError
@@ -171,6 +176,11 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
     """Return the curve on which the contact force on Σ⁺ just reaches 0.
 
     x = (phase, δ, ε); the force and its derivative vanish.
+
+    Returns
+    -------
+    Curve
+        The curve.
     """
 
     def equations(x: Array) -> Array:

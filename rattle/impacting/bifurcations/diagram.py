@@ -112,6 +112,11 @@ def diagram(
         Branches have at most so many per period, on both walls; most: and so many branches there are at most; what is
         beyond is named in left_out.
 
+    Returns
+    -------
+    Diagram[Branch, Event]
+        Sweeps, branches and events.
+
     Raises
     ------
     ParameterError

@@ -115,10 +115,15 @@ def find_events(
 def between_twins(
     itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Solutions to put between points, each (after which, y, tangent).
+    """Return solutions to put between points, each (after which, y, tangent).
 
     There a test function that has one sign at both its neighbours has the other, for two events are so near that one
     step passed both.
+
+    Returns
+    -------
+    list[tuple[int, Array, Array]]
+        The solutions.
     """
     tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -183,6 +188,11 @@ def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) 
     """Return the event near a candidate, on the line, or None where there is none.
 
     Where a branch turns back as a motion twice over, it leaves that motion of half the period at its flip.
+
+    Returns
+    -------
+    Event | None
+        The event, or None.
     """
     _, kind, itinerary, guess, impact = candidate
     half = _halved(itinerary, guess) if kind is Kind.SADDLE_NODE else None

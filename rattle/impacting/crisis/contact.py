@@ -137,6 +137,11 @@ def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n:
     bracket : float
         How far off, relative to gap, it may be at first.
 
+    Returns
+    -------
+    Crisis
+        The contact.
+
     Raises
     ------
     RattleError
@@ -156,6 +161,11 @@ def solve_delta(
     """Return the contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once.
 
     As `solve`.
+
+    Returns
+    -------
+    Crisis
+        The contact.
     """
 
     def m(x: float) -> float:
@@ -213,6 +223,11 @@ def root_slope(crisis: Crisis) -> float:
     -------
     float
         The coefficient b.
+
+    Raises
+    ------
+    RattleError
+        If the coefficient cannot be fitted.
     """
     here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))

@@ -150,6 +150,11 @@ def crisis_curve(
     At most resolution apart in δ; towards COD22, by steps of ε − SN1, to 1e-5 of SN1. ε as accurate as
     `boundary_crisis`, which begins it.
 
+    Returns
+    -------
+    CrisisCurve
+        The contacts along the curve.
+
     Raises
     ------
     ParameterError

@@ -71,6 +71,16 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
     """Return runs of places s in a fundamental domain of W^u(A) that escape, longest first.
 
     With one more on both sides.
+
+    Returns
+    -------
+    list[Array]
+        Places of each run.
+
+    Raises
+    ------
+    RattleError
+        If no piece escapes.
     """
     found = _followed(delta, beta, gap, CHECKED)
     s, gone = found.s[0], found.at_rest[0]
@@ -161,6 +171,16 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     nothing rests; the piece is the first among those that 40000 points per unit of its ln s show. Raises
     ParameterError, and RattleError where no chaotic attractor is seen to end in a contact with A, saying why, and below
     δ = 0.1. Source: docs/crisis.md; the paper leaves it open.
+
+    Returns
+    -------
+    Crisis
+        The contact.
+
+    Raises
+    ------
+    RattleError
+        If no chaotic attractor is seen to end in a contact with A.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)

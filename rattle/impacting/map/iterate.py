@@ -47,9 +47,14 @@ def working_block() -> Any:
 def _driver(tangent: bool) -> Any:
     @kernel
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
-        """Π^n of each element of flat arrays, lanes refilled as they finish.
+        """Return Π^n of each element of flat arrays, lanes refilled as they finish.
 
         Returns (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
+
+        Returns
+        -------
+        result
+            (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
         """
         b, size = memory[0], tau.size
         out_tau, out_v = tau.copy(), v.copy()
@@ -90,10 +95,15 @@ _drive_plain, _drive_tangent = _driver(False), _driver(True)
 def iterate(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Iterates:
-    """Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast (dimensionless).
+    """Return Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast.
 
-    A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not depend on the
-    others. Raises ParameterError. Source: Mason and Piiroinen (2009), equation 3.16; docs/kernel.md.
+    Dimensionless. A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not
+    depend on the others.
+
+    Returns
+    -------
+    Iterates
+        States and numbers of impacts.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta)
     _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))

@@ -90,18 +90,29 @@ def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """About how many impacts quiet motion makes until it is certain, for flat arrays; inf from the quiet limit on.
+    """Estimate the impacts of quiet motion until it is certain, for flat arrays; inf from the quiet limit on.
 
-    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, most of them at the end.
+    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, more where v³/g is the smaller
+    invariant.
+
+    Returns
+    -------
+    Array
+        Number of impacts.
     """
     with np.errstate(divide="ignore"):
         return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
 
 
 def longest_rest(delta: Array) -> Array:
-    """Impacts of a motion that is still waited for to become quiet, for flat arrays.
+    """Return the impacts for which a motion is followed until it becomes quiet, for flat arrays.
 
-    As all that takes relaxation times 1/δ, more where damping is weak, within what a few milliseconds allow.
+    It takes relaxation times 1/δ, more where damping is weak, within what a few milliseconds allow.
+
+    Returns
+    -------
+    Array
+        Number of impacts.
     """
     return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
 
@@ -110,6 +121,11 @@ def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
     """Return whether there is quiet motion, but takes more than `longest_rest` impacts.
 
     No sample tells it from chaos then.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        True where no sample tells it from chaos.
     """
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > longest_rest(delta))

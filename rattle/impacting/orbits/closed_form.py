@@ -90,9 +90,14 @@ def residual(kind, level, sigma, delta, beta):
 
 @kernel
 def solve(kind, level, lo, hi, delta, beta):
-    """Root of a residual that changes sign over (lo, hi).
+    """Return the root of a residual that changes sign over (lo, hi).
 
     Secant steps, halved when they stall, down to adjacent doubles.
+
+    Returns
+    -------
+    result
+        The root.
     """
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
@@ -154,9 +159,14 @@ def fill_nodes(delta, beta, sigma, e):
 
 
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
-    """Increasing σ and ε(σ), between which ε is monotone.
+    """Return increasing σ and ε(σ), between which ε is monotone.
 
     A scan that is geometric about the pole, with the turning points added.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        σ and ε.
     """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_nodes(delta, beta, sigma, e)
@@ -244,6 +254,11 @@ def period_one_cells(
     """Return all admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other.
 
     (exists, τ, v, trace), (4, n).
+
+    Returns
+    -------
+    tuple[NDArray[np.bool_], Array, Array, Array]
+        (exists, τ, v, trace), each (4, n).
     """
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
@@ -271,6 +286,11 @@ def grazing_point(sigma, delta, beta):
     """Return the grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ).
 
     Its minimum is on Σ⁻, and nothing else is touched.
+
+    Returns
+    -------
+    result
+        (admissible, ε, τ, ε cos 2πτ).
     """
     x, y, _v, _u, determinant = closure(sigma, delta, beta)
     x, y = x / determinant, y / determinant

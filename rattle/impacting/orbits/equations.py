@@ -108,6 +108,11 @@ class Itinerary(Equations):
         """Return the product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs).
 
         Infinite at a graze.
+
+        Returns
+        -------
+        Array
+            The matrix.
         """
         flights = self.flights(x)
         product = np.eye(2)
@@ -126,6 +131,11 @@ class Itinerary(Equations):
         """Return the trace of the monodromy.
 
         Infinite at a graze, where the terms are too, of either sign, and have no sum.
+
+        Returns
+        -------
+        float
+            The trace.
         """
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
@@ -145,6 +155,11 @@ def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None
     """Return both multipliers (2,) of the motion of x.
 
     At a graze those of the motion that misses the impact `grazed`, which are finite.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        The multipliers, the larger modulus first.
     """
     if grazed is not None:
         itinerary, x = itinerary.without(grazed), np.delete(x, grazed)

@@ -47,9 +47,14 @@ def workspace() -> np.void:
 
 @inline
 def flight_between(s, sin0, cos0, gap, delta, epsilon):
-    """Velocities at both ends of a flight of duration s over a distance, and 1 − e^(−δs); short ones lose no digits.
+    """Return the velocities at both ends of a flight of duration s over a distance, and 1 − e^(−δs).
 
-    F(s) = gap, with F of `rattle.flight.law`, is linear in w.
+    Short ones lose no digits. F(s) = gap, with F of `rattle.flight.law`, is linear in w.
+
+    Returns
+    -------
+    result
+        Three numbers.
     """
     step = versines(s)
     x = delta * s
@@ -94,10 +99,14 @@ def equations(work, n, delta, epsilon, beta):
 
 @kernel
 def eliminated(work, n):
-    """Solve all equations but the first: (R_0 after `change`, dR_0/dt_0 along `response`, p(1)), n ≥ 2.
+    """Solve all equations but the first, n ≥ 2.
 
-    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers of an orbit, is det J / Π ∂R_i/∂t_(i+1) but for
-    the sign. Nothing cancels at a saddle-node.
+    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers of an orbit, is det J times a positive factor.
+
+    Returns
+    -------
+    result
+        (R_0 after `change`, dR_0/dt_0 along `response`, p(1)).
     """
     before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
     for i in range(1, n):
@@ -143,9 +152,14 @@ def moved(work, n, first):
 
 @kernel
 def newton(work, n, farthest, delta, epsilon, beta):
-    """Newton's method on all equations, in steps no longer than `farthest`: (found, p(1)).
+    """Solve all equations by Newton's method, in steps no longer than `farthest`.
 
-    Not found either if the motion comes from behind a wall.
+    It fails too if the motion comes from behind a wall.
+
+    Returns
+    -------
+    result
+        (found, p(1)).
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):

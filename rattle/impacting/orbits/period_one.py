@@ -38,9 +38,14 @@ class Grazing(NamedTuple):
 
 
 def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
-    """G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
+    """Return G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
 
     NaN where the curve does not exist at that damping. Raises ParameterError. Source: paper, section 5.2.
+
+    Returns
+    -------
+    Grazing
+        The grazing orbits.
     """
     require_one_of("curve", curve, CURVES)
     d, _, b = parameters(delta, 0.0, beta)
@@ -58,6 +63,11 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. At large ε and small δ or
     β there can be several of one letter; the one with the largest s is given (docs/decisions/0002-regions.md). Raises
     ParameterError. Source: Mason and Piiroinen (2009), sections 4 and 5.
+
+    Returns
+    -------
+    PeriodOne
+        Existence, states and multipliers, (4, …).
     """
     d, e, b = parameters(delta, epsilon, beta)
     shape = d.shape
@@ -102,11 +112,17 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8.
+    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
 
-    Another set of orbits, as it is beside the paper's plane, by its number in `rattle.REGIONS`.
+    Another set of orbits, as it is beside the paper's plane, by its number in `rattle.REGIONS`. δ > 0, ε ≥ 0, β > 0,
+    dimensionless.
 
     δ > 0, ε ≥ 0, β > 0, dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
+
+    Returns
+    -------
+    NDArray[np.int8]
+        Number of each region.
     """
     return classify(period_one(delta, epsilon, beta))
 

@@ -58,6 +58,11 @@ def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> boo
 
     It leaves each wall into the gap, and each flight ends at its first impact. Impact number `grazed`, if given, has
     speed 0 and may be made or missed.
+
+    Returns
+    -------
+    bool
+        True if it is.
     """
     return first_failure(itinerary, x, grazed) is None
 
@@ -66,6 +71,11 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
     """Return the first flight that does not happen: (its impact of departure, the wall that it meets instead and when).
 
     Wall 0: the motion would have to leave from behind the wall. None if all flights happen.
+
+    Returns
+    -------
+    tuple[int, int, float] | None
+        The failure, or None.
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
@@ -120,6 +130,11 @@ def follow_impacts(
     -------
     tuple[Itinerary, Array]
         The itinerary and the unknowns.
+
+    Raises
+    ------
+    RattleError
+        If the motion comes to rest before.
     """
     walls, times = [1], [tau]
     time, wall, w, left = tau, 1, -v, n_plus
@@ -145,6 +160,11 @@ def periodic_orbit(
     `Attractor`. The motion has its least period: if it repeats itself earlier than after n_plus impacts, its n_plus is
     smaller. All numbers dimensionless; time in forcing periods.
 
+    Returns
+    -------
+    PeriodicOrbit
+        The motion.
+
     Raises
     ------
     ParameterError
@@ -168,6 +188,11 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     """Return a motion as its impact equations; an `Orbit` is solved for.
 
     Raises ParameterError if it is another gear's.
+
+    Returns
+    -------
+    PeriodicOrbit
+        The motion.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
@@ -190,6 +215,11 @@ def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None)
 
 def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
     """Return A, B, C or D at one parameter point (dimensionless).
+
+    Returns
+    -------
+    PeriodicOrbit
+        The motion.
 
     Raises
     ------

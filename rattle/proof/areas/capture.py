@@ -60,6 +60,11 @@ def _longest(piece: Piece, share: arb, invariant: arb) -> arb:
     -------
     arb
         The bound H.
+
+    Raises
+    ------
+    NotProvedError
+        If no bound is found.
     """
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):

@@ -120,6 +120,11 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds, as doubles tell.
 
     At both edges and in the middle of a column.
+
+    Returns
+    -------
+    list[Span]
+        The spans.
     """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
     found = [_spans(kind, place, beta, epsilon) for place in places]

@@ -40,6 +40,11 @@ def shares(blocks: Iterable[Block], area: Fraction) -> list[Share]:
     """Return the shares of a plane of this area.
 
     Blocks of one claim do not overlap, nor do those of I to V.
+
+    Returns
+    -------
+    list[Share]
+        A share for each claim.
     """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:

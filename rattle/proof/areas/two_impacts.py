@@ -180,6 +180,11 @@ class Cell:
         """Return whether no motion with these ε is in the cell.
 
         v > 0, u > 0 and ε between both nowhere hold together.
+
+        Returns
+        -------
+        bool
+            True if it is empty.
         """
         if self.least > epsilon:
             return True
@@ -195,6 +200,11 @@ class Cell:
         """Return whether all solutions with these ε are of this letter and happen.
 
         Else none is, or None: it is not told.
+
+        Returns
+        -------
+        bool | None
+            The answer; None if undecided.
         """
         if self.empty(epsilon) or (self.solvable and -RISES[letter] * self.rise > 0):
             return False
@@ -285,6 +295,16 @@ def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Ce
     """Return all B (D) that there are at each point of the piece, each by the cells that it is in.
 
     Raises NotProvedError.
+
+    Returns
+    -------
+    list[list[Cell]]
+        Cells of each motion.
+
+    Raises
+    ------
+    NotProvedError
+        If their number is not certain.
     """
     told: list[tuple[bool, Cell]] = []
     waiting = list(reversed(all_s))
@@ -310,6 +330,11 @@ def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
     -------
     bool
         The answer.
+
+    Raises
+    ------
+    NotProvedError
+        If it is undecided.
     """
     verdicts, waiting = set(), list(run)
     while waiting:
@@ -332,6 +357,16 @@ def _crosses(piece: Piece, run: list[Cell], rises: int) -> bool:
 
     At their ends it takes none at any δ of the piece, because the cells beyond are empty: so one δ tells on which side
     it is.
+
+    Returns
+    -------
+    bool
+        True if it crosses.
+
+    Raises
+    ------
+    NotProvedError
+        If it is undecided.
     """
     (low, high), sides = squares(piece.epsilon), []
     for s in (run[0].start, run[-1].end):

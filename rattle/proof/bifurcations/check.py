@@ -227,6 +227,11 @@ def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
     """Return whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
 
     There Φ' = 0, and Φ'' has the sign of the way out: so Φ' has one sign around, and Φ is clear beside the graze.
+
+    Returns
+    -------
+    bool
+        True if it is clear.
     """
     if not (begins_grazing or ends_grazing):
         return piece.stays()

@@ -43,6 +43,16 @@ def certify_curve_point(
     ----------
     motion : tuple[float, float] | None
         Phase and speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds.
+
+    Returns
+    -------
+    BifurcationCertificate
+        The certificate.
+
+    Raises
+    ------
+    NotProvedError
+        If the proof fails.
     """
     require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
     require_one_of("name", name, CURVES)
@@ -94,6 +104,11 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     -------
     BifurcationCertificate
         The certificate.
+
+    Raises
+    ------
+    NotProvedError
+        If the proof fails.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     itinerary = event.itinerary
@@ -107,9 +122,19 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
 
 
 def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate, ...]:
-    """COD20, COD21, COD23 and COD22 at a half-backlash, those that it has, each proved.
+    """Prove COD20, COD21, COD23 and COD22 at a half-backlash, those that it has.
 
     Raises ParameterError, and NotProvedError.
+
+    Returns
+    -------
+    tuple[BifurcationCertificate, ...]
+        A certificate for each.
+
+    Raises
+    ------
+    NotProvedError
+        If a proof fails.
     """
     number = exact("beta", beta)
     half = require_number("beta", float(number), positive=True)

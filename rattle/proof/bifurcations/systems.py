@@ -184,6 +184,11 @@ def require_touches(each: Flight, wall: int, target: int, touched: int, time: ar
     """Raise NotProvedError unless a flight that has speed 0 on the wall `touched` at `time` meets none before its end.
 
     It turns at that time if g pushes it off: so that is one of its extrema, and all others must be clear of the walls.
+
+    Raises
+    ------
+    NotProvedError
+        If it may meet a wall.
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):

@@ -40,6 +40,11 @@ class Bundle:
         """Return the derivatives of Φ(t) and Φ'(t) on all flights, by both sides.
 
         Those of the flow are −(w + S w'), S and −C w', C.
+
+        Returns
+        -------
+        tuple[Vector, Vector]
+            Derivatives of Φ and of Φ'.
         """
         c = self.kept((self.hull[0], self.hull[1]), t)
         s = (1 - c) / self.plane.delta
@@ -80,6 +85,16 @@ class Bundle:
         """Return how late flights are that lack so much of the wall at a time.
 
         One root each, by Newton's interval method.
+
+        Returns
+        -------
+        Interval
+            Enclosure of the delay.
+
+        Raises
+        ------
+        Refused
+            If the root is not single.
         """
         for _ in range(8):
             around = time + room * UNIT
@@ -157,6 +172,11 @@ class Claim:
         """Return the image under Π of the middle of a part of a set, and sides of a parallelogram about it.
 
         The parallelogram holds the image of the rest.
+
+        Returns
+        -------
+        tuple[Vector, tuple[Vector, Vector]]
+            The middle's image, and two sides.
         """
         (t, v, *along), (xi, eta, width, height) = self.sets[source], part
         middle = t + xi * along[0] + eta * along[2], -(v + xi * along[1] + eta * along[3])

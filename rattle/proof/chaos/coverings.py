@@ -112,6 +112,16 @@ class Mapped:
         """Parts of a part by what is proved of them.
 
         1, −1 to which side of a set they go, 0 if between its edges and clear of the other two, where they may.
+
+        Yields
+        ------
+        int
+            1 or −1 for the side, or 0.
+
+        Raises
+        ------
+        NotProvedError
+            If a part stays undecided.
         """
         parts, number = [part], 0
         while parts:

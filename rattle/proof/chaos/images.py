@@ -134,6 +134,11 @@ class Bundle:
 
         By their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has one sign, or
         Φ is clear of the walls all through it.
+
+        Raises
+        ------
+        NotProvedError
+            If they may meet a wall.
         """
         try:
             require_first(here, wall, target, name)

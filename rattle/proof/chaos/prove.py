@@ -29,6 +29,16 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 
     Takes half a minute; needs the extra `proof`. Raises ParameterError, and NotProvedError where none was found:
     then there may still be one. Source: docs/proofs.md.
+
+    Returns
+    -------
+    HorseshoeCertificate
+        The certificate.
+
+    Raises
+    ------
+    NotProvedError
+        If no horseshoe is found or proved.
     """
     parameters = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}
     require(min(parameters.values()) > 0, "delta, epsilon and beta must be positive")

@@ -86,6 +86,11 @@ def attractors_of(
     The parameters broadcast, the samples are the same. A cell's are those of `StiffGear.attractors` to the bit,
     whatever the other cells are.
 
+    Returns
+    -------
+    AttractorTable
+        A row for each attractor.
+
     Raises
     ------
     ParameterError

@@ -46,6 +46,11 @@ def stiff_branch(
     resolution : int
         Points over the span, at least.
 
+    Returns
+    -------
+    StiffBranch
+        The branch.
+
     Raises
     ------
     ParameterError
@@ -194,10 +199,17 @@ def stiff_curve(
     Points (k, 2c + 2), δ and ε last, while the motion happens in the window of δ and ε (low, high); resolution: points
     across it, at least.
 
+    Returns
+    -------
+    Array
+        Points of the curve.
+
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
+    RattleError
+        If the event is neither a saddle-node nor a flip.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
     from rattle.continuation.curves import Window, pieces

@@ -58,6 +58,11 @@ def trace(
     contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.impacting.bifurcations.curves`; tau
     and v are those of the departure from Σ⁺.
 
+    Returns
+    -------
+    Curve
+        The curve in pieces.
+
     Raises
     ------
     ParameterError
@@ -115,6 +120,11 @@ def _events(name: str, family: Family) -> list[Array]:
 
     Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is the pole of the limit's
     P(1,1,1), and the paper's curves are beyond.
+
+    Returns
+    -------
+    list[Array]
+        The motions.
     """
     if name in FLIPS:
         found = _flips(name, family)
@@ -175,6 +185,11 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
     """Return whether ε is greatest at a fold along its family.
 
     −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y.
+
+    Returns
+    -------
+    bool
+        True if it is.
     """
     n = y.size - 1
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))
@@ -191,6 +206,11 @@ def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> 
     """Return the curve on which the depth of permanent contact, times κ, and its rate vanish.
 
     x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
+
+    Returns
+    -------
+    Curve
+        The curve.
     """
 
     def equations(x: Array) -> Array:

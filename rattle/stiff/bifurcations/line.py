@@ -94,6 +94,11 @@ class MotionsOnLine:
         """Return the flip on this line at which a doubled branch ends, from a motion y next to it.
 
         Or None beyond `width`.
+
+        Returns
+        -------
+        Array | None
+            Unknowns at the flip, or None.
         """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)

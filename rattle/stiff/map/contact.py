@@ -129,6 +129,11 @@ def turn_in(lo, hi, middle, contact):
     """Return the zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
 
     q' = h − (δ + u'/u) q.
+
+    Returns
+    -------
+    result
+        The time.
     """
     delta = contact.delta
     square = 0.25 * delta * delta - 2.0 * contact.kappa
@@ -186,6 +191,11 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """Follow a contact from phase tau with depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
 
     Returns (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C). If x0 is 0 the motion must press on the wall.
+
+    Returns
+    -------
+    result
+        (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)

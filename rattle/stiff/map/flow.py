@@ -50,6 +50,11 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
     """Return a free flight to the next wall or the horizon: (status, time, wall or GAP, position, w, 1 − e^(−δs)).
 
     It starts in the gap, or on a wall (given, with velocity into the gap).
+
+    Returns
+    -------
+    result
+        (status, time, wall or GAP, position, w, 1 − e^(−δs)).
     """
     drift = math.copysign(DRIFT, delta)
     flight = leaving(tau, w, delta, epsilon, drift)
@@ -75,6 +80,11 @@ def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
 
     Returns (status, time, wall and position and w after it, whether it has left a contact, its tangent map). A motion
     with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
+
+    Returns
+    -------
+    result
+        (status, time, wall and position and w after it, whether it has left a contact, its tangent map).
     """
     leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
     if wall == GAP or leaves:
@@ -93,6 +103,11 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
     """Return a motion for so long: (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
 
     A contact begins where a flight meets a wall.
+
+    Returns
+    -------
+    result
+        (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
     """
     j00, j01, j10, j11, n_plus, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0, 0.0
     for _ in range(MOST_PIECES):
@@ -118,6 +133,11 @@ def departure(tau, v, delta, epsilon, beta, kappa):
 
     Returns (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times). QUIET: the contact with Σ⁺ at its end
     lasts for ever; τ', v' are then phase and speed of the last departure.
+
+    Returns
+    -------
+    result
+        (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times).
     """
     j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
     wall, position, w = SIGMA_PLUS, 0.0, -v
@@ -146,11 +166,16 @@ def departure(tau, v, delta, epsilon, beta, kappa):
 
 @kernel
 def bounced(wall, tau, w, delta, epsilon, beta, kappa):
-    """From a departure to the next one, from either wall.
+    """Return the flight and the contact from a departure to the next one, from either wall.
 
     (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
 
     x'' + δx' + 2κx = h from depth 0 to depth 0: the impulse ∫ 2κx is both speeds and ∫ h.
+
+    Returns
+    -------
+    result
+        (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
     """
     status, flown, wall, position, w, _l, _a, _b, _c, _d = piece(
         wall, tau, 0.0, w, delta, epsilon, beta, kappa, math.inf
@@ -173,9 +198,14 @@ def bounced(wall, tau, w, delta, epsilon, beta, kappa):
 
 @kernel
 def preceding(tau, v, delta, epsilon, beta, kappa):
-    """Π⁻¹ by running time backwards, first through the contact that this departure ends.
+    """Return Π⁻¹ by running time backwards, first through the contact that this departure ends.
 
     Returns (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
+
+    Returns
+    -------
+    result
+        (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
     """
     wall, position, w, time, n_minus = SIGMA_PLUS, 0.0, v, 0.0, 0
     for _ in range(MOST_PIECES):

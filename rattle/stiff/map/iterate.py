@@ -62,10 +62,14 @@ def iterate(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Iterates:
-    """Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast (dimensionless).
+    """Return Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast.
 
-    As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns the last departure is kept and n_plus < n.
-    n_plus and n_minus count contacts.
+    Dimensionless. As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns, the last state is kept.
+
+    Returns
+    -------
+    Iterates
+        States and numbers of contacts.
 
     Raises
     ------

@@ -19,6 +19,11 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
 
     Damping δ > 0 and stiffness κ > 0 broadcast (dimensionless). For κ → ∞ it is `rattle.quiet_limit` times 1 − 2π²/κ.
 
+    Returns
+    -------
+    NDArray[np.float64]
+        The limit.
+
     Raises
     ------
     ParameterError

@@ -40,9 +40,14 @@ def step(tau, v, point):
 
 @kernel
 def step_tangent(tau, v, point):
-    """Π with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
+    """Return Π with its tangent.
 
-    A change (dτ, dv) of the departure is (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ; at the end likewise, backwards.
+    A change (dτ, dv) of the departure is (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ; likewise at the next one.
+
+    Returns
+    -------
+    result
+        (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
     """
     status, tau1, v1, time, n_minus, j00, j01, j10, j11 = departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa

@@ -139,9 +139,14 @@ def follower(i, y, cycle):
 
 @kernel
 def closure(y, cycle, value, jacobian):
-    """R (2c,) and ∂R/∂y (2c, 2c + 1): depths over pσ at the ends of the contacts, then jumps of velocity there.
+    """Write R (2c,) and ∂R/∂y (2c, 2c + 1).
 
-    False where a flight would take no time.
+    Depths over pσ at the ends of the contacts, then jumps of velocity there.
+
+    Returns
+    -------
+    result
+        False where a flight would take no time.
     """
     c, delta, epsilon, kappa = cycle.walls.size, cycle.delta, y[2 * cycle.walls.size], cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -180,6 +185,11 @@ def trace_of(y, cycle):
     """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
 
     A product of exact ones, each det e^(−δs).
+
+    Returns
+    -------
+    result
+        The trace.
     """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -206,6 +216,11 @@ def first_failure(y, cycle):
 
     (its number, whether it is a contact, the wall and the time at which it ends instead); wall 0 if it does not even
     begin, number −1 if there is none, and the motion is admissible.
+
+    Returns
+    -------
+    result
+        (its number, whether it is a contact, the wall and the time at which it ends instead).
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -237,6 +252,11 @@ def is_admissible(y, cycle):
     """Return whether the motion of a solution is admissible.
 
     Each contact and flight ends first where the equations say.
+
+    Returns
+    -------
+    result
+        True if it is.
     """
     return first_failure(y, cycle)[0] < 0
 

@@ -77,6 +77,11 @@ def contact(sign, t, duration, u, p, delta, epsilon):
 
     Its depth at the end, over p, and its outward velocity there, x and v; x_u, v_u, x_t, v_t (by the time of the
     beginning), v_σ. That of x by σ is v.
+
+    Returns
+    -------
+    result
+        x, v and their derivatives.
     """
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration

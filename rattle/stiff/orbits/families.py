@@ -243,6 +243,11 @@ def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
 
     Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter the stretch shares; but a C that never
     folds back to B is D, as beyond COD23.
+
+    Returns
+    -------
+    tuple[str, ...]
+        A letter for each stretch.
     """
     saddles = family.saddles
     names = ["B" if saddle else "D" for saddle in saddles]
@@ -277,6 +282,11 @@ def held(y: Array, families: Sequence[Family]) -> bool:
 def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Family, ...]:
     """Return the families that hold the counterparts of A–D, with ε up to a span.
 
+    Returns
+    -------
+    tuple[Family, ...]
+        The families.
+
     Raises
     ------
     RattleError
@@ -294,6 +304,11 @@ def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Mem
     """Return the counterparts of A–D that happen at one point, and slow motions of their families.
 
     Letter by letter, P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
+
+    Returns
+    -------
+    list[Member]
+        The motions.
 
     Raises
     ------

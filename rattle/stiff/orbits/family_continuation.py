@@ -164,6 +164,11 @@ def located(a, b, index, level, cycle, y):
     """Write the solution between a and b at which an unknown has its level (index −1: ε turns back); False if lost.
 
     Secant steps on the share of the way, halved where they stall.
+
+    Returns
+    -------
+    result
+        False if lost.
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
@@ -190,6 +195,11 @@ def passes(solution, a, b, cycle, y):
     """Return whether the family passes through a solution between its points a and b, written as it is there.
 
     Some periods later perhaps.
+
+    Returns
+    -------
+    result
+        True if it does.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
     unit, n = small(cycle), a.size - 1

@@ -48,6 +48,11 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.orbits.families` does not find (docs/stiff.md says what
     can be missed).
 
+    Returns
+    -------
+    PeriodOne
+        Existence, states and multipliers, (4, …).
+
     Raises
     ------
     ParameterError
@@ -78,9 +83,14 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D.
+    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
 
-    Another set of them by its number in `rattle.REGIONS`.
+    By the counterparts of A–D. Another set of them by its number in `rattle.REGIONS`.
+
+    Returns
+    -------
+    NDArray[np.int8]
+        Number of each region.
 
     Raises
     ------
@@ -94,6 +104,11 @@ def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayL
 
 def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
     """Return the motion of the stiff gear at SN1, where A and C are born: ε(δ) beside δ, β and κ.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
 
     Raises
     ------

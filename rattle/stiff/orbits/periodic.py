@@ -88,6 +88,11 @@ def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
     """Return the first flight or contact of x (2c + 2,) that ends elsewhere than the equations say.
 
     None if all happen.
+
+    Returns
+    -------
+    Failure | None
+        The failure, or None.
     """
     number, contact, wall, time = closure.first_failure(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
@@ -165,6 +170,11 @@ def follow_contacts(
     -------
     tuple[StiffItinerary, Array]
         The itinerary and the unknowns.
+
+    Raises
+    ------
+    RattleError
+        If the motion comes to rest before.
     """
     p = softness(kappa)
     wall, position, w, time = np.int64(1), 0.0, -v, tau
@@ -195,6 +205,11 @@ def follow_contacts(
 
 def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
     """Return a motion as its contact equations; an `Orbit` is solved for.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
 
     Raises
     ------

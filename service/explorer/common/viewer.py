@@ -44,6 +44,11 @@ class Viewer:
     def require(self, scope: Scope) -> Caller:
         """Return the caller, if it still may. Reads the database: for a thread.
 
+        Returns
+        -------
+        Caller
+            The caller.
+
         Raises
         ------
         UnauthorizedError

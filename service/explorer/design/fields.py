@@ -65,6 +65,11 @@ def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, 
     """Return the speeds and eccentricities of a window of the plane, each (low, high).
 
     High speed means little damping.
+
+    Returns
+    -------
+    dict[str, Pair]
+        Ranges by name.
     """
     return {
         "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
@@ -86,6 +91,11 @@ def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Mac
     """Return the pair of gears of a point at another one.
 
     None without one, or where a stiffness would be another one.
+
+    Returns
+    -------
+    Machine | None
+        The machine, or None.
     """
     if machine is None or (machine.stiffness is not None and delta != machine.delta):
         return None
@@ -112,7 +122,7 @@ class MachineFields:
         self.panel = pn.Column(about, *rows, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
-        """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are left out."""
+        """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are omitted."""
         numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
         return {name: value for name, value in numbers.items() if name != "stiffness" or value is not None} | {
             "drive": self._drive.value

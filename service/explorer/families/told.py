@@ -123,6 +123,11 @@ def longest(there: np.ndarray) -> tuple[int, int, int]:
     """Return the longest run of True in a row of (m, n): its row, its first column and the one after its last.
 
     The first one of several, and an empty one if there is none.
+
+    Returns
+    -------
+    tuple[int, int, int]
+        Row, first column, and the column after the last.
     """
     run = np.zeros(there.shape[0], np.int64)
     best = 0, 0, 0

@@ -140,7 +140,10 @@ class FurtherMap:
             task.cancel()
 
     def _offer(self, further: Further, around: Around, job: JobRow) -> Further:
-        """Offer the surveys and the maps to choose from; return the choice, another one where a survey has no such map."""
+        """Offer the surveys and the maps to choose from.
+
+        Return the choice, another one where a survey has no such map.
+        """
         request = request_of(job)
         maps, number = names_of(request), sum(request.along(further.slice))
         chosen = Chosen(further.variable, further.index)

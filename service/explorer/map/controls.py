@@ -91,8 +91,14 @@ class Controls:
         return rule if rule in LIMITS else "auto"
 
     def limits(self, shown: Limits | Pair, colours: Colouring | None) -> Limits | Pair | None:
-        """Return the range of colours where the map has this one; None: nothing is shown whose limits could be taken
-        over.
+        """Return the range of colours where the map has this one.
+
+        None: nothing is shown whose limits could be taken over.
+
+        Returns
+        -------
+        Limits | Pair | None
+            The range, or None.
         """
         if self.rule is not None:
             return self.rule

@@ -206,6 +206,11 @@ def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list
     """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
 
     For a thread.
+
+    Returns
+    -------
+    tuple[list[np.ndarray], str]
+        Pieces, and the reason.
     """
     if name not in model.curve_names:
         return [], _not_of(model)
@@ -237,6 +242,11 @@ def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
     """Return the codimension-two points in a window: name, δ, ε.
 
     For a thread. The name of another one would reach into it.
+
+    Returns
+    -------
+    list[tuple[str, float, float]]
+        Name, δ and ε of each.
     """
     (left, right), (bottom, top) = window
     return [

@@ -244,8 +244,9 @@ def _cells_of(part: Part) -> tuple[slice, slice]:
 
 
 def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
-    """Return the first cell along an axis that lies in a span, and the one after the last; the nearest of an empty
-    span.
+    """Return the first cell along an axis that lies in a span, and the one after the last.
+
+    The nearest cell of an empty span.
     """
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     first, end = (int(each) for each in np.searchsorted(axis, (span[0] - half, span[1] + half)))
@@ -299,6 +300,11 @@ class Atlas:
 
         If not, ask again. One of slots is read anew when the survey has ended: they may have been moved.
 
+        Returns
+        -------
+        tuple[Plane, bool]
+            The map, and whether it is complete.
+
         Raises
         ------
         MissingError
@@ -342,6 +348,11 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """Return the variables of a survey that are maps, in the order of the store.
 
     Each with the names of its several maps.
+
+    Returns
+    -------
+    dict[str, Any]
+        Names by variable.
     """
     from gear_rattle.workers.survey.values.quantities import held, labels_of
 

@@ -35,10 +35,15 @@ def readout(
     here: Row | None = None,
     machine: SurveyedMachine | None = None,
 ) -> str:
-    """HTML of what is known at a point (δ, ε).
+    """Return the HTML of a point (δ, ε).
 
-    Its region, what a finer map shows `here`, and the cell of the survey that it is in, if any; speed and eccentricity
-    of a machine's survey.
+    Its region, the value of a finer map `here`, and the cell of the survey that it is in, if any; speed and
+    eccentricity of a machine's survey.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if machine is not None and delta > 0:

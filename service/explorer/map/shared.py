@@ -50,6 +50,11 @@ def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
     """Return the map of a survey that is shown unless another one is chosen.
 
     The first that it has, and while it is computed one that fills in.
+
+    Returns
+    -------
+    str
+        Name of the variable.
     """
     first, *others = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
     if not is_computed or not in_closed_form(request, first):
@@ -127,6 +132,11 @@ class Shared:
         """Return the map of a survey, whether that is all there is by now, and what is drawn of it.
 
         Blocks: for a thread.
+
+        Returns
+        -------
+        tuple[Plane, bool, Block, Colouring]
+            The map, whether it is complete, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
         if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):

@@ -149,6 +149,11 @@ class Explorer:
         """Answer the first request of a page, which takes memory until its browser leaves.
 
         A client that runs no script gets no page.
+
+        Returns
+        -------
+        Response
+            The answer.
         """
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)

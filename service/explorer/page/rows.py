@@ -68,6 +68,11 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
     """Return the speeds and eccentricities of a survey of a machine, and its other numbers.
 
     Nothing of another survey.
+
+    Returns
+    -------
+    list[list[str]]
+        Rows of name and value.
     """
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:

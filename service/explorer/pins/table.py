@@ -1,4 +1,4 @@
-"""What is known of a pinned point, and pinned points side by side: as a table, and as CSV."""
+"""Compare pinned points side by side: as a table, and as CSV."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RATTLING = ("periodic", "chaotic")
 
 
 class Known(NamedTuple):
-    """What is known of a pinned point: the number of its region, up to which ε it may run quietly, its attractors."""
+    """Results of a pinned point: the number of its region, its quiet limit, its attractors."""
 
     region: int
     quiet_limit: float
@@ -34,7 +34,7 @@ class Known(NamedTuple):
 
 
 def known(pin: Pin, count: int) -> Known:
-    """What so many initial conditions tell of a point: for a process."""
+    """Compute the results of a point from so many initial conditions: for a process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = chances(gear, count)
     if not model_at(gear).in_closed_form:
@@ -45,7 +45,12 @@ def known(pin: Pin, count: int) -> Known:
 def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[str]]:
     """Return the lines of the table, each with its head and a cell for each pin.
 
-    What is not known is being computed, or says why it cannot be.
+    An unknown value is being computed, or says why it cannot be.
+
+    Returns
+    -------
+    list[list[str]]
+        Lines of texts.
     """
     lines = [
         ["Damping δ", *(number(each.delta, 6) for each in pins)],
@@ -67,13 +72,13 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[
 
 
 def _motions(known: Known) -> list[tuple[str, rattle.Attractor]]:
-    """The attractors by their names, with the letter of those that are one of A to D."""
+    """Return the attractors by their names, with the letter of those that are one of A to D."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
     return [(f"{name_of(each)} = {letter}" if letter else name_of(each), each) for each, letter in pairs]
 
 
 def _largest_exponent(known: Known) -> str:
-    """Of the motions that rattle."""
+    """Return the largest exponent of the motions that rattle."""
     rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
     return number(max(rattling, default=math.nan))
 
@@ -95,6 +100,11 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
     """Return a line for each attractor of each pin that is known.
 
     Numbers as they are, to be read back to the same bits.
+
+    Returns
+    -------
+    str
+        The text.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

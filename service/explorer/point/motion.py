@@ -72,6 +72,11 @@ def caption(found: rattle.Trajectory, what: str, attractor: rattle.Attractor | N
     """Return a sentence on what the pictures show.
 
     Of a periodic attractor its own numbers, which no end of a picture cuts.
+
+    Returns
+    -------
+    str
+        The sentence.
     """
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper

@@ -40,6 +40,11 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
     ----------
     after : dict of str to dict
         Behind which of the route's own parameters they stand: for each of these the types of theirs, by name.
+
+    Returns
+    -------
+    Callable[[Route], Route]
+        A decorator.
     """
 
     def change(route: Route) -> Route:

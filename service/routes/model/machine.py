@@ -153,7 +153,7 @@ class MachineDocument(_Numbers):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Return both gears have this inertia, drag and radius.
+    """Convert the numbers of a machine; both gears have this inertia, drag and radius.
 
     Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """

@@ -58,6 +58,11 @@ def halvings(shape: Pair) -> tuple[Level, ...]:
     """Return all levels that cells of this shape can have, down to a single one.
 
     An axis of more than LEAST is halved while there is one, then both are.
+
+    Returns
+    -------
+    tuple[Level, ...]
+        The levels.
     """
     cells, found, now = (1, 1), list[Level](), shape
     while max(now) > 1:
@@ -108,6 +113,11 @@ def centres(axis: np.ndarray, cells: int) -> np.ndarray:
     """Return the middles of a level's cells, so many of the survey's each, whose own are `axis`.
 
     Evenly spaced, as if the last one had as many as the others.
+
+    Returns
+    -------
+    np.ndarray
+        Middles of the cells.
     """
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found: np.ndarray = axis[0] + step * (cells * np.arange(-(-axis.size // cells)) + (cells - 1) / 2)

@@ -65,6 +65,11 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
     """Yield numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
 
     NaN where no cell has one.
+
+    Yields
+    ------
+    np.ndarray
+        Statistics of each level.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)
@@ -78,10 +83,15 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
 
 
 def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Phases, of a circle of length 1, as STATISTICS.
+    """Yield phases, of a circle of length 1, as STATISTICS.
 
-    Their mean direction in [0, 1), and where on either side of it they reach to, the least perhaps below 0 and the
-    largest perhaps 1 or more.
+    Their mean direction in [0, 1), and their extent on either side of it, the least perhaps below 0 and the largest
+    perhaps 1 or more.
+
+    Yields
+    ------
+    np.ndarray
+        Statistics of each level.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)

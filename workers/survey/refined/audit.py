@@ -22,6 +22,11 @@ def draws(blocks: Blocks, seed: int) -> np.ndarray:
     """Return a number from 0 to 1 for each cell of the frame (cells,), by the seed and where it is in the grid.
 
     Those of the least are audited.
+
+    Returns
+    -------
+    np.ndarray
+        A number for each cell.
     """
     rows, columns = (np.arange(span.start, span.stop, dtype=np.uint64) for span in blocks.frame)
     place = (rows[:, None] << np.uint64(32)) + columns
@@ -49,6 +54,11 @@ def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
     """Return the upper end of a share's one-sided interval, 95 % sure (Clopper and Pearson, Biometrika 26 (1934) 404).
 
     1 where nothing was looked at.
+
+    Returns
+    -------
+    float
+        The upper end.
     """
     from scipy.special import betaincinv  # a tenth of a second to load
 

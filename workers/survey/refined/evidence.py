@@ -141,6 +141,11 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
 
     seen (…, k, n, n): samples that go to it; known (k, n, n): the cells that were sampled. A cell without any differs
     from one with FEW; and cells without any are too many if so many are not expected of a share that all have.
+
+    Returns
+    -------
+    np.ndarray
+        True where leaves differ.
     """
     inner = (-2, -1)
     seen, cells = seen * known, known.sum(inner)

@@ -111,6 +111,11 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> Refi
     """Refine the cells rows × columns of a grid of cells.
 
     What a cell holds follows from its block: neither the tile nor its place in it shows.
+
+    Returns
+    -------
+    RefinedCells
+        The cells, computed or filled.
     """
     blocks = Blocks(rows, columns, whole.shape)
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])

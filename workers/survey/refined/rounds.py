@@ -64,6 +64,11 @@ def upper_of(counts: Counts, number: int) -> float:
     """Return the upper bound of the share of wrong cells among those that are filled after a round.
 
     Of those before it the bound that the audit gives, less those that were found.
+
+    Returns
+    -------
+    float
+        The bound.
     """
     filled, wrong, audited = (int(x.sum()) for x in (counts.filled, counts.disagreed, counts.audited))
     if not filled:
