@@ -68,6 +68,11 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         From the environment if not given.
     cluster : Cluster | None
         Opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
+
+    Returns
+    -------
+    FastAPI
+        The application.
     """
     settings = settings or Settings()
     metrics = Metrics()

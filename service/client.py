@@ -97,6 +97,11 @@ class Client:
         fields
             Of the request; they win.
 
+        Returns
+        -------
+        Job
+            The job.
+
         Raises
         ------
         ServiceError
@@ -148,6 +153,11 @@ class Client:
     def call(self, method: str, path: str, **kwargs: Any) -> httpx.Response:
         """Send one request.
 
+        Returns
+        -------
+        httpx.Response
+            The answer.
+
         Raises
         ------
         ResponseError
@@ -166,11 +176,17 @@ class Client:
                 "an idempotency key of ASCII characters."
             ) from error
         if answer.is_error:
-            raise _response_error(answer)
+            refusal = _response_error(answer)
+            raise refusal
         return answer
 
     def document(self, method: str, path: str, **kwargs: Any) -> Document:
         """Send one request, and return the document that answers it.
+
+        Returns
+        -------
+        Document
+            The document.
 
         Raises
         ------
@@ -194,7 +210,8 @@ class Client:
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
-                raise _response_error(source.response)
+                refusal = _response_error(source.response)
+                raise refusal
             if source.response.status_code == httpx.codes.NO_CONTENT:
                 return
             for event in source.iter_sse():
@@ -270,6 +287,11 @@ class Job:
         timeout : float | None
             Seconds to wait at most; the survey goes on afterwards, and can be waited for again.
 
+        Returns
+        -------
+        Self
+            This job.
+
         Raises
         ------
         ServiceError
@@ -298,7 +320,8 @@ class Job:
                 lost = time.monotonic() - away > patience
                 refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
                 if lost or refused:
-                    raise _as_service_error(error) from error
+                    refusal = _as_service_error(error)
+                    raise refusal from error
                 if time.monotonic() >= deadline:
                     raise self._too_late(timeout) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
@@ -326,6 +349,11 @@ class Job:
         """Return the map of one family of a survey that was computed with families.
 
         As `gear_rattle.workers.open_family`.
+
+        Returns
+        -------
+        xr.Dataset
+            The map.
         """
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
@@ -353,6 +381,11 @@ class Job:
 
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
         """Give the survey another name, or other notes; what is None stays.
+
+        Returns
+        -------
+        Self
+            This job.
 
         Raises
         ------

@@ -57,7 +57,8 @@ def certify_areas(
                 if should_stop():
                     break
     except OSError as error:
-        raise storage_error(f"{out} cannot be written", error) from error
+        refusal = storage_error(f"{out} cannot be written", error)
+        raise refusal from error
     return found
 
 

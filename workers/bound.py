@@ -147,4 +147,5 @@ def _tell(place: Place, told: Mapping[str, str | int | float]) -> None:
     try:
         tell(place, told)
     except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
+        refusal = storage_error(f"{place} cannot be written", error)
+        raise refusal from error

@@ -177,7 +177,8 @@ def certify_survey(
             (out / SEAL).write_text(json.dumps({KNOWN: _known(survey), "files": files}))
         return found
     except OSError as error:
-        raise storage_error(f"{out} cannot be written", error) from error
+        refusal = storage_error(f"{out} cannot be written", error)
+        raise refusal from error
 
 
 def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:

@@ -47,7 +47,8 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
     try:
         added_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
     except OSError as error:
-        raise storage_error(f"the levels of {place} cannot be written", error) from error
+        refusal = storage_error(f"the levels of {place} cannot be written", error)
+        raise refusal from error
 
 
 def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:

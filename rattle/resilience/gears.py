@@ -44,7 +44,7 @@ def same(one: Attractor, other: Attractor, unit: float) -> bool:
 
 
 def path_of(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
-    """Return the points (n,) of a path of parameters, whose own (k, 2), (k, 3) or more begin with δ, ε, β.
+    """Return the points (n,) of a path of parameters, whose own points (k, 2 or more) begin with δ, ε, β.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def path_of(path: ArrayLike, beta: float, added: Mapping[str, float | None], ste
 
     Returns
     -------
-    Parameters
-        Parameters (n,).
+    points : Parameters
+        The points (n,).
 
     Raises
     ------

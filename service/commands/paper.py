@@ -26,13 +26,6 @@ def paper(
 
     The last line is the summary. Exit status 1 if a number or statement is off and no finding takes that up, or a
     finding is not borne out.
-
-    Raises
-    ------
-    BadParameter
-        If an option is wrong.
-    Exit
-        If a number or statement is off and no finding explains it.
     """
     from rattle import paper as checks
 

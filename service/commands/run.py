@@ -28,11 +28,6 @@ def run(
     """Compute a survey and write it to PATH: in this process, with an embedded cluster or with an existing one.
 
     The same command resumes an interrupted survey (Ctrl-C, SIGTERM, a crash); the numbers are the same to the last bit.
-
-    Raises
-    ------
-    BadParameter
-        If an option is wrong.
     """
     from gear_rattle.service.commands.drawing import draw, require_writable
 

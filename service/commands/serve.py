@@ -39,11 +39,6 @@ def serve(
     Surveys that an earlier server left unfinished in DIR are resumed. Environment variables set the limits, such as
     RATTLE_MAX_CELLS. On another address than those of this machine only, every request needs an API key (`rattle key
     add`). TLS is left to a proxy in front.
-
-    Raises
-    ------
-    Exit
-        If the server did not start.
     """
     from gear_rattle.service.access.origins import is_loopback
     from gear_rattle.service.app import create_app

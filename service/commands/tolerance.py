@@ -69,11 +69,6 @@ def tolerance(
     A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
     lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last
     bit.
-
-    Raises
-    ------
-    BadParameter
-        If an option is wrong.
     """
     if (out is None) != submit:
         raise typer.BadParameter("give --out PATH to compute it here, or --submit to have a service compute it")

@@ -24,11 +24,6 @@ def verify(
     Of a survey: its cells, curves, families and levels, and the certificates beside it. A chunk that is not there is
     lost once the survey was completed. The command that computed the survey, or POST /v1/surveys/ID/verify, computes
     again what is damaged, and only that.
-
-    Raises
-    ------
-    Exit
-        If a file is damaged or lost.
     """
     from gear_rattle.workers import examine, place_of
     from gear_rattle.workers.certificates import examine_beside, examine_certificates, holds_certificates

@@ -43,11 +43,14 @@ def is_current(engine: Engine) -> bool:
         head = scripts.get_current_head()
         if revision is None:
             if tables - {VERSIONS}:
-                raise _foreign(engine, "another program")
+                refusal = _foreign(engine, "another program")
+                raise refusal
         elif revision not in {script.revision for script in scripts.walk_revisions()}:
-            raise _foreign(engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})")
+            refusal = _foreign(engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})")
+            raise refusal
         elif revision == head and not _has(present, _PRESENT):
-            raise _foreign(engine, "another program, or has been changed by hand")
+            refusal = _foreign(engine, "another program, or has been changed by hand")
+            raise refusal
         return revision == head
 
 

@@ -123,6 +123,11 @@ def _answer_version() -> str:
     """Return the version of answers.
 
     It changes with the code that computes, and with the code here that writes them.
+
+    Returns
+    -------
+    str
+        The version.
     """
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

@@ -60,7 +60,8 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
         added_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
         place.remove([block.kept(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)])
     except OSError as error:
-        raise storage_error(f"the families of {place} cannot be written", error) from error
+        refusal = storage_error(f"the families of {place} cannot be written", error)
+        raise refusal from error
 
 
 class _Join:

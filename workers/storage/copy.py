@@ -104,7 +104,8 @@ def copy_store(
         with place.writing():
             return _to_place(files, manifest, content, place, on_file)
     except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
+        refusal = storage_error(f"{place} cannot be written", error)
+        raise refusal from error
 
 
 def _files(source: str | Path | Place) -> Files:
@@ -213,7 +214,8 @@ def _to_zip(
                         on_file(done, total)
             _require_whole(ZipStore(part), _keys(manifest))
     except OSError as error:
-        raise storage_error(f"{path} cannot be written", error) from error
+        refusal = storage_error(f"{path} cannot be written", error)
+        raise refusal from error
     return Copied(total, size, 0)
 
 

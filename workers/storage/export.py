@@ -128,6 +128,11 @@ def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
     """Return the values along one axis, in every cell of a band.
 
     They are the speeds and eccentricities of a machine's survey.
+
+    Returns
+    -------
+    np.ndarray
+        The values of a band.
     """
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])

@@ -107,7 +107,8 @@ class Directory:
         try:
             held = (self.path / LOCK).open("ab")
         except OSError as error:
-            raise storage_error(f"{self} cannot be written", error) from error
+            refusal = storage_error(f"{self} cannot be written", error)
+            raise refusal from error
         with held:
             try:
                 fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)

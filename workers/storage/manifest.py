@@ -156,7 +156,8 @@ def noting(place: Place) -> Iterator[Note]:
                 require_there(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
-            raise storage_error(f"{place} cannot be written", error) from error
+            refusal = storage_error(f"{place} cannot be written", error)
+            raise refusal from error
         waiting = 0
 
     def note(tiles: Mapping[int, Mapping[str, str]]) -> None:

@@ -85,7 +85,8 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
             with place.writing():
                 _mend(request, place, make)
     except OSError as error:
-        raise storage_error(f"{place} cannot be created", error) from error
+        refusal = storage_error(f"{place} cannot be created", error)
+        raise refusal from error
 
 
 def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
@@ -300,7 +301,8 @@ def finish_store(where: str | Path | Place) -> None:
                 told |= _refined(place)
             tell(place, told)
         except OSError as error:
-            raise storage_error(f"{place} cannot be finished", error) from error
+            refusal = storage_error(f"{place} cannot be finished", error)
+            raise refusal from error
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
@@ -343,7 +345,8 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
             describe(place, {}, {}, _is_added)
     except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
+        refusal = storage_error(f"{place} cannot be written", error)
+        raise refusal from error
 
 
 def _is_added(key: str) -> bool:

@@ -89,7 +89,8 @@ class Family:
                     name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
                     found.append(Member(name, self.cycle, y.copy()))
             elif any(is_admissible(end, self.cycle) for end in ends):
-                raise lost(self.cycle, epsilon)
+                refusal = lost(self.cycle, epsilon)
+                raise refusal
         return found
 
 
@@ -296,7 +297,8 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Fami
     found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
     for family in found:
         for y in family.breaks:
-            raise lost(family.cycle, float(y[-1]))
+            refusal = lost(family.cycle, float(y[-1]))
+            raise refusal
     return found
 
 

@@ -143,6 +143,11 @@ class FurtherMap:
         """Offer the surveys and the maps to choose from.
 
         Return the choice, another one where a survey has no such map.
+
+        Returns
+        -------
+        Further
+            The choice.
         """
         request = request_of(job)
         maps, number = names_of(request), sum(request.along(further.slice))

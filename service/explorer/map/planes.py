@@ -247,6 +247,11 @@ def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
     """Return the first cell along an axis that lies in a span, and the one after the last.
 
     The nearest cell of an empty span.
+
+    Returns
+    -------
+    tuple[int, int]
+        Both numbers.
     """
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     first, end = (int(each) for each in np.searchsorted(axis, (span[0] - half, span[1] + half)))
