@@ -53,7 +53,7 @@ def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: 
 
 
 def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
-    """Return a WAV file of 16 bits of samples (n,), of which full_scale, by default the loudest, is as loud as can be.
+    """Return a WAV file of 16 bits of samples (n,), of which full_scale, by default the loudest, has full volume.
 
     Returns
     -------

@@ -30,24 +30,25 @@ def certify(
     store: Annotated[str | None, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="The store of certificates.", show_default=f"beside STORE, *{SUFFIX}"),
+        typer.Option(metavar="PATH", help="Store of certificates to write.", show_default=f"beside STORE, *{SUFFIX}"),
     ] = None,
-    processes: Annotated[int, typer.Option("--processes", "--workers", min=1, help="Processes that prove.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", "--workers", min=1, help="Number of processes.")] = 1,
     scheduler: Scheduler = None,
     point: Annotated[
         tuple[str, str] | None,
-        typer.Option(
-            metavar="DELTA EPSILON", help="Prove the periodic motions of one point, taken as these very numbers."
-        ),
+        typer.Option(metavar="DELTA EPSILON", help="Prove the periodic motions of one point, taken as exact decimals."),
     ] = None,
     areas: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Prove blocks of a plane, and write them here, one a line.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Prove blocks of a plane, and write them to this file, one a line."),
     ] = None,
-    delta: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Damping, for --areas: exact decimals.")] = "0.4:1",
-    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Eccentricity, for --areas.")] = "0:0.3",
-    columns: Annotated[int, typer.Option(min=1, help="Columns of damping, for --areas.")] = COLUMNS,
-    figure: Annotated[Path | None, typer.Option(metavar="PATH", help="Draw what --areas proved.")] = None,
-    beta: Annotated[str, typer.Option(help="Half-backlash, for --point and --areas.")] = "0.6",
+    delta: Annotated[
+        str, typer.Option(metavar="LOW:HIGH", help="Range of damping in exact decimals (with --areas).")
+    ] = "0.4:1",
+    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Range of eccentricity (with --areas).")] = "0:0.3",
+    columns: Annotated[int, typer.Option(min=1, help="Number of columns of damping (with --areas).")] = COLUMNS,
+    figure: Annotated[Path | None, typer.Option(metavar="PATH", help="Draw the proved blocks (with --areas).")] = None,
+    beta: Annotated[str, typer.Option(help="Half-backlash (with --point or --areas).")] = "0.6",
     slice_: Slice = None,
     curves: Annotated[bool, typer.Option("--curves", help="Prove the points of the curves of STORE instead.")] = False,
     codimension_two: Annotated[
@@ -56,7 +57,9 @@ def certify(
     chaos: Annotated[bool, typer.Option("--chaos", help="Prove that --point has chaotic motions instead.")] = False,
     check: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
+        typer.Option(
+            metavar="FILE", help="Check the certificates of this file, one a line, without any of the prover's code."
+        ),
     ] = None,
     numbers: Mapping[str, str] = NO_NUMBERS,
 ) -> None:

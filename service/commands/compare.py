@@ -24,19 +24,22 @@ BAR = 20  # characters of the longest bar
 def compare(
     point: Point,
     table: Annotated[
-        Path, typer.Argument(metavar="CSV", help="A column time, and speed and wall (1 or -1) if there are.")
+        Path,
+        typer.Argument(
+            metavar="CSV", help="Table of impacts: a column time, and optional columns speed and wall (1 or -1)."
+        ),
     ],
     offset: Annotated[
         float | None,
         typer.Option(
-            help="When the transmission error closes the gap of the driving side most, in the table's unit of time.",
+            help="Time at which the transmission error closes the driving side's gap most, in the table's unit of time.",
             show_default="as fits best",
         ),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="How exactly a motion repeats itself, over the mean time between impacts.")
+        float, typer.Option(help="Tolerance for a repetition, as a share of the mean time between impacts.")
     ] = 0.05,
-    bins: Annotated[int, typer.Option(min=1, help="Bars of the histogram.")] = 24,
+    bins: Annotated[int, typer.Option(min=1, help="Number of bars of the histogram.")] = 24,
     count: Sample = 64,
     seed: Seed = 0,
 ) -> None:

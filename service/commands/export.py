@@ -19,9 +19,13 @@ ENDINGS = (".nc", ".csv", ".parquet")
 
 def export(
     store: Annotated[str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey's store.")],
-    out: Annotated[Path, typer.Argument(metavar="FILE", help="The file: .nc, .csv or .parquet.")],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="File to write: .nc, .csv or .parquet.")],
     form: Annotated[
-        str, typer.Option(metavar="cells|attractors|orbits", help="What a row of a table is; .nc has everything.")
+        str,
+        typer.Option(
+            metavar="cells|attractors|orbits",
+            help="Row of a table: a cell, an attractor or an orbit; .nc has everything.",
+        ),
     ] = "cells",
 ) -> None:
     """Write a survey, finished or not, as NetCDF, CSV or Parquet, by the ending of FILE.

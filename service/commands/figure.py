@@ -30,7 +30,8 @@ def figure(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where the figures go; made if need be.", show_default=".")
+        Path | None,
+        typer.Option(metavar="DIR", help="Directory of the figures; created if it does not exist.", show_default="."),
     ] = None,
     delta: Annotated[
         list[str] | None,
@@ -47,7 +48,12 @@ def figure(
     beta: Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")] = None,
     format_: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="pdf|svg|png", help="Repeatable: one file each.", show_default="pdf"),
+        typer.Option(
+            "--format",
+            metavar="pdf|svg|png",
+            help="Format of the files; repeatable, one file each.",
+            show_default="pdf",
+        ),
     ] = None,
     slice_: Slice = None,
     numbers: Mapping[str, float] = NO_NUMBERS,

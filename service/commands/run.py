@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 def run(
     request: SurveyRequest,
     out: Annotated[
-        str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
+        str, typer.Option(metavar="PATH", help="Zarr store to write or to resume: a path, or s3://BUCKET/PREFIX.")
     ],
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
-    figure: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the survey when it is complete.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw the completed survey into this file.")
+    ] = None,
 ) -> None:
     """Compute a survey and write it to PATH: in this process, with an embedded cluster or with an existing one.
 

@@ -22,39 +22,43 @@ def tolerance(
     out: Annotated[
         str | None,
         typer.Option(
-            metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.", show_default=False
+            metavar="PATH", help="Zarr store to write or to resume: a path, or s3://BUCKET/PREFIX.", show_default=False
         ),
     ] = None,
-    submit: Annotated[bool, typer.Option("--submit", help="Submit it to a service instead.")] = False,
+    submit: Annotated[bool, typer.Option("--submit", help="Submit the population to a service instead.")] = False,
     measured: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Measured gears: a column for each number that varies, a row for each gear."),
+        typer.Option(
+            metavar="CSV", help="Table of measured gears: a column for each number that varies, a row for each gear."
+        ),
     ] = None,
     correlation: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME:NAME:NUMBER", help="Correlation of two numbers; repeatable.", show_default="none"),
     ] = None,
-    gears: Annotated[int, typer.Option(help="Gears of the population.")] = 4096,
-    count: Annotated[int, typer.Option(help="States that each gear begins from.")] = 16,
+    gears: Annotated[int, typer.Option(help="Number of gears of the population.")] = 4096,
+    count: Annotated[int, typer.Option(help="Number of initial conditions of each gear.")] = 16,
     share: Annotated[
-        float | None, typer.Option(help="A gear passes if it runs quietly with this probability at least.")
+        float | None, typer.Option(help="Least probability of quiet running of a gear that passes.")
     ] = None,
     margin: Annotated[
         float | None,
-        typer.Option(help="A gear passes if no impact up to this speed ends quiet running; m/s of a machine."),
+        typer.Option(help="Impact speed up to which a gear that passes keeps running quietly; m/s of a machine."),
     ] = None,
-    judged: Annotated[int, typer.Option(help="Gears that are asked whether they pass.")] = 256,
+    judged: Annotated[int, typer.Option(help="Number of gears to judge.")] = 256,
     shock_speed: Annotated[
-        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Begin with a knock of this speed.")
+        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Speed of a shock that the gears begin with.")
     ] = None,
     shock_phase: Annotated[
-        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Its phase.", show_default="any")
+        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Phase of the shock.", show_default="any")
     ] = None,
-    pairs: Annotated[int, typer.Option(help="Gears with others that share numbers, for Sobol indices.")] = 1024,
+    pairs: Annotated[int, typer.Option(help="Number of pairs of gears that share numbers, for Sobol indices.")] = 1024,
     seed: options.Seed = 0,
     budget: options.Budget = None,
     name: options.Name = "",
-    tile: Annotated[int | None, typer.Option(help="Gears of one tile, a task and a chunk.")] = None,
+    tile: Annotated[
+        int | None, typer.Option(help="Number of gears of a tile, which is one task and one chunk.")
+    ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     url: options.Url = options.DEFAULT_URL,

@@ -46,7 +46,9 @@ def is_current(engine: Engine) -> bool:
                 refusal = _foreign(engine, "another program")
                 raise refusal
         elif revision not in {script.revision for script in scripts.walk_revisions()}:
-            refusal = _foreign(engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})")
+            refusal = _foreign(
+                engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})"
+            )
             raise refusal
         elif revision == head and not _has(present, _PRESENT):
             refusal = _foreign(engine, "another program, or has been changed by hand")

@@ -66,8 +66,8 @@ class JobManager:
     directory
         Where their stores are.
     cluster
-        Opens the dask cluster, unless what it is given says that it shall not any more; called again whenever it was
-        lost.
+        Opens the dask cluster, unless its argument says that start-up was cancelled; called again whenever the
+        cluster was lost.
     on_tile
         Told of every tile that has been written.
     turns

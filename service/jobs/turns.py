@@ -23,10 +23,10 @@ class _Standing:
 class Turns:
     """The order of the surveys that wait or run. Belongs to one thread; a new process begins a new order.
 
-    Keys have turns one after the other. Of a key's surveys every other turn is for the one with the fewest cells left,
-    the others for the one that has waited for most turns: so the smallest is never behind more than two turns of its
-    key, and none waits for ever, whatever else is submitted. One without cells left counts as the largest: how long its
-    bound or its certificates still take, cells do not tell.
+    Keys have turns one after the other. Each key alternates between its survey with the fewest remaining cells and its
+    survey that has waited for most turns: so the smallest waits for at most two turns of its key, and every survey gets
+    its turn, whatever else is submitted. A survey without remaining cells counts as the largest: the time of its bound
+    or its certificates does not follow from cells.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ class _Processes:
         Raises
         ------
         SurveyError
-            They cannot start, or shall not any more.
+            They cannot start, or start-up was cancelled.
         """
         while len(client.nthreads()) < self._n_workers:
             if self._over.wait(LOOK_SECONDS):
@@ -194,7 +194,7 @@ def embedded_cluster(
     nice : int
         How far their priority is below that of others, up to 19.
     should_stop : Callable[[], bool]
-        Asked several times a second, while they start: whether they shall not any more.
+        Says whether start-up was cancelled; called several times a second while the processes start.
 
     Yields
     ------

@@ -378,7 +378,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def n_slots(self) -> int:
-        """Attractors that a cell lists."""
+        """Largest number of attractors that a cell stores."""
         return self.slots or (SLOTS if self.delta.start >= MANY_ATTRACTORS else MORE_SLOTS)
 
     @property

@@ -65,7 +65,7 @@ class GoTo:
     def _made(self) -> pn.Column:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [self._sheet]}
         ways = {"damping δ, eccentricity ε": False, "a machine in SI units": True}
-        self._in_si = pn.widgets.Select(label="Given", options=ways, **style)
+        self._in_si = pn.widgets.Select(label="Enter as", options=ways, **style)
         self._delta = pn.widgets.FloatInput(label="δ", value=0.6, start=0.0, format=EXACT, **style)
         self._epsilon = pn.widgets.FloatInput(label="ε", value=0.1, start=0.0, format=EXACT, **style)
         plain = pn.Row(self._delta, self._epsilon, sizing_mode="stretch_width")

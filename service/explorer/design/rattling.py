@@ -31,7 +31,7 @@ def spectrum(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
 
 
 def sound(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
-    """Return the motion as a WAV file, its loudest sample as loud as can be; silence if it is quiet."""
+    """Return the motion as a WAV file, its loudest sample at full volume; silence if it is quiet."""
     return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
 
 

@@ -31,7 +31,11 @@ class FurtherMaps:
         self._surveys: Mapping[str, str] = {}
         self.places = [pn.Column(sizing_mode="stretch_both", margin=0) for _ in range(MOST_FURTHER)]
         self.add = pn.widgets.Button(
-            label="Map beside", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 8, 2, 0), visible=False
+            label="Add a second map",
+            css_classes=["beside-map"],
+            stylesheets=[sheet],
+            margin=(2, 8, 2, 0),
+            visible=False,
         )
         on_press(self.add, self._add)
 

@@ -14,10 +14,11 @@ from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.workers import SurveyRequest
 from rattle.models import ADDED, BETA
 
-LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
+LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
 LETTERS = {each.name: each.symbol for each in (BETA, *ADDED.values())}
 UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
+NUMBERED = "Attractor no."
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Controls:
     def __init__(self, sheet: str, log: bool, uses: Uses) -> None:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self._index = pn.widgets.Select(label="Which", options=[], width=110, visible=False, **styled)
+        self._index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
         self._slice = pn.widgets.IntSlider(
             label="",
             start=0,
@@ -49,12 +50,12 @@ class Controls:
             **{**styled, "margin": (2, 16, 2, 0)},
         )
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
-        self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
+        self._rule = pn.widgets.Select(label="Colour range", options=options, width=180, **styled)
         self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
         self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
         chosen = [LOG] if log else []
         self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
-        save = pn.widgets.Button(label="Save window as survey", **styled, css_classes=["save"])
+        save = pn.widgets.Button(label="New survey from this view", **styled, css_classes=["save"])
         on_press(save, lambda: uses.save())
         self._watch = Watch()
         for widget, used in (
@@ -133,6 +134,7 @@ class Controls:
         """Offer the indices of a variable, none if it has no such dimension."""
         with self._watch.paused():
             self._index.visible = bool(names)
+            self._index.label = "Orbit" if "A" in names else NUMBERED
             self._index.options = {str(name): number for number, name in enumerate(names)}
             if names:
                 self._index.value = chosen

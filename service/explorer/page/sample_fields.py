@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.refined.asked import AUDIT
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
 UNSAID = ""
-REFINED = "few cells first, more where they differ"
+REFINED = "Adaptive refinement"
 WHOLE = (0.0, 1.0, 0.0)  # phases from and to, and the least speed
 
 
@@ -33,8 +33,8 @@ class SampleFields:
             placeholder="8 or 24",
             **style,
         )
-        options = {"as asked for": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
-        self._by = pn.widgets.Select(label="In slots", options=options, **style)
+        options = {"default": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
+        self._by = pn.widgets.Select(label="Order attractors by", options=options, **style)
         self.widgets = [self._tau_min, self._tau_max, self._v_min, self._slots, self._by]
         self.panel = pn.Column(
             pn.Row(self._tau_min, self._tau_max, self._v_min, sizing_mode="stretch_width"),
