@@ -41,8 +41,8 @@ from gear_rattle.service.commands.verify import verify
 FAILED, REFUSED = 1, 2
 START = (
     "Start here: `rattle orbits 0.6 0.1` describes one gear; `rattle run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out "
-    "survey.zarr` computes a survey, and `rattle figure survey.zarr survey.png` draws it. `rattle COMMAND --help` has an "
-    "example of each command."
+    "survey.zarr` computes a survey, and `rattle figure survey.zarr survey.png` draws it. `rattle COMMAND --help` has "
+    "an example of each command."
 )
 
 

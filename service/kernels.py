@@ -1,7 +1,7 @@
 """Kernels of a service, compiled in a process of their own before anybody's time is counted.
 
-A fresh installation compiles for a minute or two. That begins with the service, in the order of `Part`; the stiff
-model's wait until somebody needs them. Workers wait for the same kernels and load them.
+A fresh installation compiles for a minute or two. That begins with the service, in the order of `KernelPurpose`; those
+of the stiff model wait until they are needed. Workers wait for the same kernels and load them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rattle.numerics import compile_apart, note_of
 log = logging.getLogger(__name__)
 
 
-class Part(StrEnum):
+class KernelPurpose(StrEnum):
     """Purposes of kernels, in the order in which they are compiled: a function of `WORK` each."""
 
     ORBITS = "orbits"  # period-one motions and limits
@@ -33,7 +33,7 @@ class Part(StrEnum):
 
 
 WORK = "gear_rattle.service.compilation"
-LAST = list(Part)[-1]
+LAST = list(KernelPurpose)[-1]
 
 
 class Kernels:
@@ -42,7 +42,7 @@ class Kernels:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._ready: dict[tuple[str, Part], asyncio.Event] = {}
+        self._ready: dict[tuple[str, KernelPurpose], asyncio.Event] = {}
         self._waiting = 0
 
     @asynccontextmanager
@@ -59,11 +59,11 @@ class Kernels:
         """Compile what this model needs, unless that has begun or an earlier process has done it."""
         if (model, LAST) in self._ready:
             return
-        for part in Part:
+        for part in KernelPurpose:
             self._ready[model, part] = asyncio.Event()
             if note_of(part, model).exists():
                 self._ready[model, part].set()
-        if not all(self.has(model, part) for part in Part):
+        if not all(self.has(model, part) for part in KernelPurpose):
             self._tasks[model] = asyncio.get_running_loop().create_task(self._compile(model))
 
     @property
@@ -71,11 +71,11 @@ class Kernels:
         """True if kernels are being compiled now."""
         return any(not task.done() and not self.has(model, LAST) for model, task in self._tasks.items())
 
-    def has(self, model: str, part: Part) -> bool:
+    def has(self, model: str, part: KernelPurpose) -> bool:
         """Return whether these kernels need not be compiled any more."""
         return (model, part) in self._ready and self._ready[model, part].is_set()
 
-    async def require(self, model: str, part: Part, patience: float | None = None) -> None:
+    async def require(self, model: str, part: KernelPurpose, patience: float | None = None) -> None:
         """Wait until these kernels are there.
 
         Parameters
@@ -103,9 +103,9 @@ class Kernels:
             self._waiting -= 1
 
     async def _compile(self, model: str) -> None:
-        for part in Part:
+        for part in KernelPurpose:
             try:
-                if part is Part.ATTRACTORS:  # workers wait for this note
+                if part is KernelPurpose.ATTRACTORS:  # workers wait for this note
                     await _apart("rattle.precompile", "survey", model)
                 await _apart(WORK, part, model)
             except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong

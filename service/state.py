@@ -18,7 +18,7 @@ from fastapi import Depends, Request
 
 from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.database import Database
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError, UnavailableError
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.directory import DataDirectory
@@ -47,7 +47,7 @@ class Front:
     revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def stored(self, survey_id: str, kind: Kind = Kind.SURVEY) -> tuple[JobRow, Path | Bucket]:
+    def stored(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
         """Return a survey, or a population, and the place of its store. Blocks: for a thread.
 
         Returns

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gear_rattle.workers.errors import storage_error
 from rattle.numerics import environment
-from rattle.proof.areas.block import Block
+from rattle.proof.areas.block import ProvedBlock
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.certificate import Ends
 
@@ -27,7 +27,7 @@ def certify_areas(
     processes: int = 1,
     on_done: Callable[[int], None] = lambda _: None,
     should_stop: Callable[[], bool] = lambda: False,
-) -> list[Block]:
+) -> list[ProvedBlock]:
     """Prove what can be proved of a plane in so many columns of δ, and write the blocks to the file `out`.
 
     on_done is told the number of columns that are through, should_stop asked after each.
@@ -46,7 +46,7 @@ def certify_areas(
     SurveyError
         If the file cannot be written.
     """
-    found: list[Block] = []
+    found: list[ProvedBlock] = []
     try:
         with out.open("w") as file:
             for done, blocks in enumerate(_answers(columns(delta, number), epsilon, beta, processes), 1):
@@ -62,7 +62,7 @@ def certify_areas(
     return found
 
 
-def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[Block]]:
+def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
     """Yield the blocks of each column, in order."""
     if processes == 1:
         yield from (proved(beta, delta, epsilon) for delta in places)
@@ -74,12 +74,12 @@ def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) 
         pool.shutdown(cancel_futures=True)
 
 
-def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[Block]:
+def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBlock]:
     """Return the blocks of a column that a process of its own proves, which never imports the main module."""
     command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
     asked = pickle.dumps((beta, delta, epsilon))
     answer = subprocess.run(command, input=asked, stdout=subprocess.PIPE, env=environment(), check=True).stdout
-    blocks: list[Block] | Exception = pickle.loads(answer)
+    blocks: list[ProvedBlock] | Exception = pickle.loads(answer)
     if isinstance(blocks, Exception):
         raise blocks
     return blocks
@@ -90,7 +90,7 @@ def serve() -> None:
     asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
     sys.stdout = sys.stderr  # what a library prints is no answer
     try:
-        found: list[Block] | Exception = proved(*asked)
+        found: list[ProvedBlock] | Exception = proved(*asked)
     except Exception as error:
         found = error
     pickle.dump(found, answer)

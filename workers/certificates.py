@@ -48,7 +48,7 @@ Place = tuple[int, int, int]  # slot, cell along ε and along δ
 Answers = list[tuple[Place, dict[str, Any] | str]]  # certificates as documents, or why there is none
 
 
-class Claim(NamedTuple):
+class AttractorClaim(NamedTuple):
     """A periodic attractor as a survey has it."""
 
     place: Place
@@ -60,7 +60,7 @@ class Claim(NamedTuple):
     label: tuple[int, int, int]
 
 
-def claims_of(survey: xr.Dataset) -> list[Claim]:
+def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     """Return the periodic attractors of a survey, cell by cell. Raises SurveyError if it has none, or a third axis."""
     if "attractor_kind" not in survey:
         raise SurveyError("the survey has no attractors: ask for the group attractors")
@@ -71,7 +71,7 @@ def claims_of(survey: xr.Dataset) -> list[Claim]:
     found = np.argwhere(np.moveaxis(kind == rattle.KINDS.index("periodic"), 0, -1))
     places = [(int(slot), int(i), int(j)) for i, j, slot in found]
     return [
-        Claim(
+        AttractorClaim(
             place, model, float(delta[place[2]]), float(epsilon[place[1]]), float(tau[place]), float(v[place]),
             (int(label[0][place]), int(label[1][place]), int(label[2][place])),
         )
@@ -79,7 +79,7 @@ def claims_of(survey: xr.Dataset) -> list[Claim]:
     ]  # fmt: skip
 
 
-def certified(claims: Iterable[Claim]) -> Answers:
+def certified(claims: Iterable[AttractorClaim]) -> Answers:
     """Return of each attractor its certificate as a document, or why it is not proved. The task of a cluster, too."""
     found: Answers = []
     for claim in claims:
@@ -100,7 +100,7 @@ def certified(claims: Iterable[Claim]) -> Answers:
     return found
 
 
-def proved_here(parts: Sequence[list[Claim]]) -> list[Answers]:
+def proved_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
     """Prove in this process."""
     return [certified(part) for part in parts]
 
@@ -108,7 +108,7 @@ def proved_here(parts: Sequence[list[Claim]]) -> list[Answers]:
 def certify_survey(
     survey: xr.Dataset,
     out: Path,
-    prove: Callable[[Sequence[list[Claim]]], list[Answers]] = proved_here,
+    prove: Callable[[Sequence[list[AttractorClaim]]], list[Answers]] = proved_here,
     at_once: int = 1,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = lambda: False,
@@ -242,14 +242,14 @@ def prove_survey(
 ) -> None:
     """Prove the periodic attractors of a survey, into the store beside it. Arguments and errors: `certify_survey`'s."""
 
-    def prove(parts: Sequence[list[Claim]]) -> list[Answers]:
+    def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return each(_certified, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
         certify_survey(survey, certificates_of(where), prove, at_once, on_done, should_stop)
 
 
-def _certified(_request: SurveyRequest, _path: str, claims: list[Claim]) -> Answers:
+def _certified(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
     return certified(claims)
 
 

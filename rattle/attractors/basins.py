@@ -43,7 +43,7 @@ def budget_of(delta: float, states: int) -> int:
 
 
 @dataclass(frozen=True)
-class Plane:
+class StatePlane:
     """The states (τ, v) on Σ⁺ of a gear at one parameter point; arrays (k,).
 
     classifier: the gear's. parameters: arrays (1,).
@@ -134,7 +134,7 @@ class Basins(Tabular):
         )
 
 
-def classified(plane: Plane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
+def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Return the attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
@@ -167,7 +167,7 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
     return found
 
 
-def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
+def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,), the last the sink of quiet capture.
 
     A cell whose motion does not return to the box maps to itself: a group of its own, which is then followed exactly.
@@ -193,7 +193,7 @@ def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) 
 class States:
     """States of one parameter point that are followed in several calls, with one table of their attractors."""
 
-    def __init__(self, plane: Plane) -> None:
+    def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
         self.table = AttractorTable.empty()
         #: A state that goes to each of the attractors: followed again, it tells which one that is in a new call.
@@ -227,7 +227,7 @@ class States:
 
 
 def _by_cells(
-    plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
+    plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Return `classified` for the centres of all cells, by simple cell mapping.
 
@@ -269,7 +269,7 @@ def _by_cells(
 
 
 def basins(
-    plane: Plane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
+    plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
     """See `rattle.Gear.basins`."""
     n = require_integer("resolution", resolution, 1, FINEST)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.basins import Basins, Plane, classified
+from rattle.attractors.basins import Basins, StatePlane, classified
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
@@ -157,7 +157,7 @@ def power_law(
     return slope, float(Z_95 * np.sqrt(max(scatter, 1.0) / spread))
 
 
-def uncertainty(plane: Plane, pairs: int, v_max: float, seed: int) -> Uncertainty:
+def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncertainty:
     """See `rattle.Gear.uncertainty`."""
     pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
     v_max = require_number("v_max", v_max, positive=True)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Plane, Range, basins, classified
+from rattle.attractors.basins import Basins, Range, StatePlane, basins, classified
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
 from rattle.attractors.samples import Outcome
@@ -48,7 +48,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
     return fold(phases.ravel()), speeds.astype(np.float64).ravel(), phases.shape
 
 
-def reached(plane: Plane, tau: ArrayLike, v: ArrayLike) -> Reached:
+def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     """See `rattle.Gear.reached`."""
     phases, speeds, shape = states_of(tau, v)
     table, rows, impacts = classified(plane, phases, speeds)
@@ -179,9 +179,9 @@ class Sampled:
         return uncertainty(self.states, self._pairs if pairs is None else pairs, self._speed(v_max), seed)
 
     @property
-    def states(self) -> Plane:
+    def states(self) -> StatePlane:
         """The plane of its states (τ, v)."""
-        return Plane(self._classifier, self.parameters)
+        return StatePlane(self._classifier, self.parameters)
 
     @property
     def parameters(self) -> Parameters:

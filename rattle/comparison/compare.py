@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
-from rattle.comparison.measured import Measured, period_of
+from rattle.comparison.measured import MeasuredImpacts, period_of
 from rattle.comparison.walls import AS_GOOD, Fit, Fitting, fit, fits, interval
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
@@ -66,7 +66,7 @@ class Comparison:
 
 
 def compare(
-    measured: Measured,
+    measured: MeasuredImpacts,
     gear: AnyGear,
     offset: float | None = None,
     *,
@@ -143,7 +143,7 @@ def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
     return _Known(attractor, gear.intensity(attractor), phases, rate, _histogram(phases, rate, bins))
 
 
-def _compared(measured: Measured, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
+def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
     label = period_of(time, wall, tolerance)

@@ -21,7 +21,7 @@ COLUMNS = ("time", "speed", "wall")
 Array = NDArray[np.float64]
 
 
-class Measured(NamedTuple):
+class MeasuredImpacts(NamedTuple):
     """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions.
 
     Speeds of arrival of the model, and walls, +1 where the driving side of the teeth meets, or −1, None where these
@@ -43,7 +43,7 @@ class Measured(NamedTuple):
         return (self.time.size - 1) / self.span
 
 
-def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> Measured:
+def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> MeasuredImpacts:
     """Return impacts (n,) at rising times in forcing periods.
 
     With speeds ≥ 0 of the model and walls ±1 where these are known.
@@ -76,10 +76,10 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
         require(given.shape == times.shape, f"give a wall for each of the {times.size} impacts, or none")
         require(bool((np.abs(given) == 1).all()), "walls must be 1 or -1")
         walls = given.astype(np.int64)
-    return Measured(times, speeds, walls)
+    return MeasuredImpacts(times, speeds, walls)
 
 
-def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> Measured:
+def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> MeasuredImpacts:
     """Read impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
 
     Parameters

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.comparison.measured import Measured
+from rattle.comparison.measured import MeasuredImpacts
 from rattle.flight.between import flight_between
 from rattle.flight.forcing import analytic_phase
 from rattle.flight.law import speed_unit, wrapped
@@ -62,7 +62,7 @@ class Fitting(NamedTuple):
     unit: of what speeds are off by; dwell: how long contacts last, in forcing periods.
     """
 
-    measured: Measured
+    measured: MeasuredImpacts
     gear: AnyGear
     unit: float
     dwell: float
@@ -72,7 +72,7 @@ class Fitting(NamedTuple):
         """The impacts from which phase 0 is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:LISTENED]
-        return self._replace(measured=Measured(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
+        return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
 
 
 def fits(fitting: Fitting) -> list[Fit]:

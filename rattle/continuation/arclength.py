@@ -43,7 +43,7 @@ def plane_scale(delta: float) -> float:
 
 
 @dataclass(frozen=True)
-class Problem:
+class ContinuationProblem:
     """Equations (…, N + 1) → (…, N) to follow, with their preparation and the sizes of the unknowns.
 
     The preparation may rescale them at a point or at points (…, N + 1), around each of which (…, N + 1, N + 1) are
@@ -101,7 +101,7 @@ class Course(NamedTuple):
     paths: tuple[Path, Path] | None
 
 
-def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
+def newton(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
     """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
@@ -144,7 +144,7 @@ def _has_converged(size: Any, last: Any) -> Any:
     return (size < SMALLEST_CORRECTION) | quadratic | ((size < ACCEPTED_CORRECTION) & (size > 0.1 * last))
 
 
-def with_values(problem: Problem, guesses: Array, index: int) -> Array:
+def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
     """Return the solutions near guesses (k, N + 1) that have their unknown number `index`, all at once.
 
     NaN where is none.
@@ -187,7 +187,7 @@ def _solved_each(matrix: Array, right: Array) -> Array:
         return np.concatenate([_solved_each(*each) for each in zip(matrix[:, None], right[:, None], strict=True)])
 
 
-def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | None:
+def with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
     """Return the solution near x whose unknown number `index` has this value, or None."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
@@ -195,12 +195,12 @@ def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | 
     return None if found is None else found[0]
 
 
-def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
+def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Array:
     """Return the unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
     return oriented_tangent(problem, x, direction)[0]
 
 
-def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Array, float]:
+def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
     """Return the tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent.
 
     It is one and the same all along a curve, and the other on a neighbour that nearly crosses it.
@@ -222,7 +222,7 @@ def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Arra
     return unit, float(np.linalg.slogdet(with_row(jacobian, unit))[0])
 
 
-def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:
+def between(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
     """Return the solution above this share of the chord from a to b."""
     found = newton(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
@@ -242,7 +242,9 @@ class Bound:
         return self.low if value < self.low else self.high if value > self.high else None
 
 
-def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[Array], bool]) -> tuple[Array, Array]:
+def last_inside(
+    problem: ContinuationProblem, a: Array, b: Array, is_admissible: Callable[[Array], bool]
+) -> tuple[Array, Array]:
     """Return the last admissible solution between a (admissible) and b (not), and the first that is not.
 
     By bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
@@ -285,7 +287,7 @@ class Follower:
     unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
     """
 
-    problem: Problem
+    problem: ContinuationProblem
     bounds: Sequence[Bound]
     is_admissible: Callable[[Array], bool]
     longest: Callable[[Array], float]
@@ -376,7 +378,7 @@ class Follower:
 
 
 def root_between(
-    problem: Problem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
+    problem: ContinuationProblem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
     """Return the solution between a and b at which a test function vanishes, or None.
 

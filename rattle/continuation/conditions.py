@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, plane_scale
+from rattle.continuation.arclength import ContinuationProblem, plane_scale
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array, bordered
 from rattle.orbits.periodic import Equations
@@ -32,7 +32,7 @@ def scale_at(x: Array) -> Array:
     return scale
 
 
-def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Problem:
+def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> ContinuationProblem:
     """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
     Times, δ and ε are unknown. SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity
@@ -51,7 +51,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
     if kind is Kind.GRAZING:
         if impact is None:
             raise RattleError("a graze needs the number of the impact that grazes")
-        return Problem(lambda x: itinerary.with_graze(x, impact), scale=scale_at)
+        return ContinuationProblem(lambda x: itinerary.with_graze(x, impact), scale=scale_at)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 
@@ -64,4 +64,4 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
         residual, jacobian = itinerary.with_jacobian(x, multiplier)
         return np.concatenate([residual, bordered(jacobian, *borders)[..., None]], axis=-1)
 
-    return Problem(equations, prepare, scale_at)
+    return ContinuationProblem(equations, prepare, scale_at)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import (
     CLOSED,
     Bound,
+    ContinuationProblem,
     Follower,
     Path,
-    Problem,
     plane_scale,
     root_between,
     tangent_at,
@@ -46,14 +46,14 @@ class End:
     reason: str
 
 
-class Piece(NamedTuple):
+class CurvePiece(NamedTuple):
     """A connected piece as it was followed: unknowns (k, N) with δ, ε last, and why each end is one."""
 
     points: Array
     reasons: tuple[str, str]
 
 
-class Described(NamedTuple):
+class CurveDescription(NamedTuple):
     """The motion at a point of a curve."""
 
     tau: float
@@ -82,7 +82,7 @@ class Curve(Tabular):
     piece: NDArray[np.int64]
     folds: tuple[int, ...]
     ends: tuple[End, ...]
-    _problem: Problem = field(repr=False)
+    _problem: ContinuationProblem = field(repr=False)
     _points: tuple[Array, ...] = field(repr=False)
 
     def __len__(self) -> int:
@@ -130,7 +130,7 @@ class Curve(Tabular):
         return tuple(sorted({float(x[-3 - index]) for each in found for x in each}))
 
 
-def crossings(problem: Problem, points: Array, index: int, value: float) -> list[Array]:
+def crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
     """Return the solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
     found: list[Array] = []
     for guess in _between(points, index, value):
@@ -155,7 +155,11 @@ def _between(points: Array, index: int, value: float) -> Array:
 
 
 def build(
-    name: str, beta: float, problem: Problem, pieces: Sequence[Piece], described: Sequence[Sequence[Described]]
+    name: str,
+    beta: float,
+    problem: ContinuationProblem,
+    pieces: Sequence[CurvePiece],
+    described: Sequence[Sequence[CurveDescription]],
 ) -> Curve:
     """Return a curve of followed pieces, with what is known of the motion at each point."""
     motions = [motion for piece in described for motion in piece]
@@ -196,7 +200,7 @@ def _folds(delta: Array) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Window:
+class PlaneWindow:
     """A rectangle of the plane: (low, high) of δ and of ε, and the least number of points of a curve across it."""
 
     delta: tuple[float, float]
@@ -221,8 +225,8 @@ class Window:
 
 
 def pieces(
-    problem: Problem, starts: Iterable[Array], window: Window, left: Test, times: int | None = None
-) -> list[Piece]:
+    problem: ContinuationProblem, starts: Iterable[Array], window: PlaneWindow, left: Test, times: int | None = None
+) -> list[CurvePiece]:
     """Return the pieces inside the window through solutions near the starts.
 
     A start on a piece already followed adds none.
@@ -239,7 +243,7 @@ def pieces(
     list[Piece]
         The pieces.
     """
-    found: list[Piece] = []
+    found: list[CurvePiece] = []
     twins = partial(_periods_later, times)
     follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, twins)
     guesses = [*starts]
@@ -264,7 +268,7 @@ def _periods_later(times: int | None, start: Array, x: Array) -> Array:
     return twin[None]
 
 
-def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDArray[np.bool_]:
+def _on(problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None) -> NDArray[np.bool_]:
     """Return flags of solutions (k, N) that are on a piece already, some forcing periods earlier or later perhaps."""
     on = np.zeros(len(solved), bool)
     guesses = [_between(piece.points, -2, x[-2]) for x in solved]
@@ -275,19 +279,19 @@ def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDA
     return on
 
 
-def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
+def _both_ways(follower: Follower, x: Array, why: Test) -> CurvePiece:
     """Return the whole piece through a solution, its folds among the points, the end of smaller δ first."""
     followed = follower.both_ways(x, -2)
     points = _with_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
-        return Piece(points, (CLOSED, CLOSED))
+        return CurvePiece(points, (CLOSED, CLOSED))
     reasons = _reason(followed.paths[0], why), _reason(followed.paths[1], why)
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
-        return Piece(points[::-1], (reasons[1], reasons[0]))
-    return Piece(points, reasons)
+        return CurvePiece(points[::-1], (reasons[1], reasons[0]))
+    return CurvePiece(points, reasons)
 
 
-def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
+def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
     """Return the points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
@@ -300,7 +304,7 @@ def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
     return points
 
 
-def _rate(problem: Problem, direction: Array, index: int, x: Array) -> float:
+def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
     """Rate of δ (index −2) or ε (−1) along the curve at a solution."""
     return float(tangent_at(problem, x, direction)[index])
 
@@ -314,17 +318,17 @@ def _reason(path: Path, why: Test) -> str:
 def traced(
     name: str,
     beta: float,
-    problem: Problem,
+    problem: ContinuationProblem,
     starts: Iterable[Array],
-    window: Window,
+    window: PlaneWindow,
     left: Test,
-    describe: Callable[[Array], Described],
+    describe: Callable[[Array], CurveDescription],
     named: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
     """Return the curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
     found = [
-        Piece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
+        CurvePiece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
         for piece in pieces(problem, starts, window, left, times)
     ]
     return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
@@ -343,7 +347,7 @@ def window_range(name: str, value: tuple[float, float], positive: bool = False) 
     return low, high
 
 
-def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], window: Window) -> Curve:
+def limit_of_contact(beta: float, problem: ContinuationProblem, guesses: Iterable[Array], window: PlaneWindow) -> Curve:
     """Return the quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
     nothing = np.full(2, complex(np.nan, np.nan))
     return traced(
@@ -353,6 +357,6 @@ def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], wi
         guesses,
         window,
         lambda _: None,
-        lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda x: CurveDescription(float(x[0] - np.floor(x[0])), 0.0, nothing),
         lambda _, reason: reason,
     )

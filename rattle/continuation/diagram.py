@@ -25,7 +25,7 @@ from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
-from rattle.continuation.sweeps import Known, Points, Sweeps
+from rattle.continuation.sweeps import KnownAttractor, SweepPoints, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.flight.law import wrapped
 from rattle.notebook import (
@@ -82,7 +82,7 @@ AnyEvent = TypeVar("AnyEvent", bound=IsEvent)
 
 
 @dataclass(frozen=True)
-class Piece:
+class BranchPiece:
     """A stable part of branch number `branch`, between positions low and high."""
 
     branch: int
@@ -110,9 +110,9 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     kappa: Array
     branches: tuple[AnyBranch, ...]
     events: tuple[AnyEvent, ...]
-    points: Points
+    points: SweepPoints
     sampled: AttractorTable
-    small: tuple[Piece, ...]
+    small: tuple[BranchPiece, ...]
     left_out: tuple[tuple[int, int, int], ...]
 
     def _caption(self) -> str:
@@ -207,7 +207,7 @@ def diagram_of(
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):
         search.add(motion)
-    small: list[Piece] = []
+    small: list[BranchPiece] = []
     for _ in range(ROUNDS):
         sweeps.run()
         for motion in _seen(sweeps, parameters, search, unit):
@@ -217,7 +217,7 @@ def diagram_of(
             break
     branches = [found for found in search.branches if found.admissible.any()]
     number = {id(found): i for i, found in enumerate(branches)}
-    small = [Piece(number[id(search.branches[at.branch])], at.low, at.high) for at in small]
+    small = [BranchPiece(number[id(search.branches[at.branch])], at.low, at.high) for at in small]
     return Diagram(
         segment,
         beta,
@@ -247,9 +247,9 @@ def require_end(name: str, value: ArrayLike) -> Array:
 
 def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
     """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
-    last: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
+    last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
-        now: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
+        now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
         for known in here:
             if known.kind != Outcome.PERIODIC:
                 continue
@@ -267,11 +267,11 @@ def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -
         last = now
 
 
-def _close(one: Known, other: Known, unit: float) -> bool:
+def _close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
     return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
-def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[Piece], bool]:
+def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches that no sample found, and whether the sweeps missed one of their motions.
 
     They know it from here on.
@@ -295,7 +295,9 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
                 there = orbit.departures[upper], orbit.speeds[upper]
                 match = _nearest(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
-                    sweeps.known[step].append(Known(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False))
+                    sweeps.known[step].append(
+                        KnownAttractor(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False)
+                    )
                     new = True
             sampled |= match is not None and match.sampled
         if not sampled:
@@ -303,7 +305,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
     return small, new
 
 
-def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDArray[np.int64], Array, Array]]:
+def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
     """Stable parts of branches with the steps inside, and about where their impacts on Σ⁺ are there (steps, n_plus)."""
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
@@ -316,12 +318,12 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDA
                 np.array([np.interp(position[inside], at[run][order], x[order, j]) for j in upper]).T
                 for x in (np.unwrap(found.departures[run], period=1.0, axis=0), found.speeds[run])
             )
-            yield Piece(i, float(low), float(high)), inside, tau, v
+            yield BranchPiece(i, float(low), float(high)), inside, tau, v
 
 
 def _nearest(
-    known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
-) -> Known | None:
+    known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
+) -> KnownAttractor | None:
     """Return the attractor with this label that has a state near one of the impacts (n_plus,), speeds in their unit."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit

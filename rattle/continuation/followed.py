@@ -27,7 +27,7 @@ from rattle.orbits.periodic import Equations
 
 
 @dataclass(frozen=True, repr=False)
-class Followed(ABC):
+class FollowedBranch(ABC):
     """A branch of motions of one itinerary along a line of parameters, k points in order, n impacts or contacts each.
 
     unknowns (k, N): of each motion, its parameters last, δ and ε first among these. speeds (k, n): with which it leaves

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rattle.attractors.classify import Classifier
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, of_samples
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
 from rattle.parameters import Parameters
@@ -82,7 +82,7 @@ class Motions(ABC):
         """Return the periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
 
     @abstractmethod
-    def problem(self, itinerary: Any) -> Problem:
+    def problem(self, itinerary: Any) -> ContinuationProblem:
         """Return the equations of motions with an itinerary; y = (unknowns (n,), position)."""
 
     @abstractmethod

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class Known:
+class KnownAttractor:
     """An attractor at one step: kind (index of KINDS), label, a state on it.
 
     The directions in which it was followed, and whether the sample of that step found it.
@@ -56,7 +56,7 @@ class Visit(NamedTuple):
     v: float
 
 
-class Points(NamedTuple):
+class SweepPoints(NamedTuple):
     """Impacts on Σ⁺ of the attractors that were followed, arrays (n,) in the order of the steps.
 
     step; position along the line; tau, v; kind (index of KINDS); m, n_plus, n_minus (0 unless periodic); forward: in
@@ -87,9 +87,9 @@ class _Run:
     step: int
     tau: float
     v: float
-    back: dict[int, Known]
+    back: dict[int, KnownAttractor]
     stops_at_known: bool
-    trail: dict[int, Known] = field(default_factory=dict)
+    trail: dict[int, KnownAttractor] = field(default_factory=dict)
 
 
 class Sweeps:
@@ -97,12 +97,12 @@ class Sweeps:
 
     def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
-        self.known: list[list[Known]] = [[] for _ in range(steps.size)]
+        self.known: list[list[KnownAttractor]] = [[] for _ in range(steps.size)]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
         for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
             state, sampled = (float(table.tau[i]), float(table.v[i])), bool(table.samples[i])
-            known = Known(int(table.kind[i]), table.label(i), *state, sampled=sampled)
+            known = KnownAttractor(int(table.kind[i]), table.label(i), *state, sampled=sampled)
             self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
@@ -123,10 +123,10 @@ class Sweeps:
 
     def _begin(
         self,
-        known: Known | None,
+        known: KnownAttractor | None,
         direction: int,
         step: int,
-        back: dict[int, Known] | None = None,
+        back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
         if known is not None and not known.reached[direction]:
@@ -174,7 +174,7 @@ class Sweeps:
         if kind == Outcome.PERIODIC:
             end = float(table.tau[row]), float(table.v[row])
         if not same:
-            same = [Known(kind, label, *end, sampled=False)]
+            same = [KnownAttractor(kind, label, *end, sampled=False)]
             here += same
         for known in same:
             known.reached[run.direction] = True
@@ -185,7 +185,7 @@ class Sweeps:
         if not 0 <= run.step < len(self.known):
             self._runs.remove(run)
 
-    def points(self, position: Array, chaotic: int) -> Points:
+    def points(self, position: Array, chaotic: int) -> SweepPoints:
         """Return all impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
         visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
         step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
@@ -195,7 +195,7 @@ class Sweeps:
         owner, tau, v = self._impacts(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
-        return Points(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
+        return SweepPoints(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
     def _impacts(
         self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters

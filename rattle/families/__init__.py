@@ -1,7 +1,7 @@
 """One motion, one number over the plane: the attractors of a grid of cells, joined between neighbours."""
 
 from rattle.families.join import in_order, joined, together
-from rattle.families.pieces import Piece, connected, entering, no_attractors
+from rattle.families.pieces import GridPiece, connected, entering, no_attractors
 from rattle.families.spread import Rectangle
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, added, numbers_of, sums_of
 from rattle.families.table import tabulated
@@ -9,7 +9,7 @@ from rattle.families.table import tabulated
 __all__ = [
     "NO_FAMILY",
     "QUIET_FAMILY",
-    "Piece",
+    "GridPiece",
     "Rectangle",
     "Sums",
     "added",

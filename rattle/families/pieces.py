@@ -15,7 +15,7 @@ from rattle.families.spread import OF_ORBIT, Rectangle, enter
 no_attractors = AttractorTable.empty
 
 
-class Piece:
+class GridPiece:
     """A grid that gets to know its attractors some cells at a time: which orbits exist in it, continued everywhere.
 
     orbits, n: as `spread` has them. samples (n,): that go to an orbit in its cell, −1 of what was entered.

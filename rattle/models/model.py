@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Plane
+from rattle.attractors.basins import Basins, StatePlane
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty
 from rattle.attractors.reached import Reached
@@ -85,7 +85,7 @@ class AnyGear(Protocol):
         """All parameters of the point."""
 
     @property
-    def states(self) -> Plane:
+    def states(self) -> StatePlane:
         """Plane of states with its classifier."""
 
     @property

@@ -4,13 +4,13 @@ With findings where it is wrong or incomplete.
 """
 
 from rattle.paper.document import RULE, difference, markdown, value, verdict
-from rattle.paper.records import Evidence, Finding, Number, Report, Statement
+from rattle.paper.records import Finding, FindingEvidence, Number, Report, Statement
 from rattle.paper.report import one_finding, report
 
 __all__ = [
     "RULE",
-    "Evidence",
     "Finding",
+    "FindingEvidence",
     "Number",
     "Report",
     "Statement",

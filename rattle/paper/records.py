@@ -83,7 +83,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class FindingEvidence:
     """One computed fact in support of a finding, and whether the computation still shows it."""
 
     shows: str
@@ -101,7 +101,7 @@ class Finding:
     title: str
     paper: str
     instead: str
-    evidence: tuple[Evidence, ...]
+    evidence: tuple[FindingEvidence, ...]
 
     @property
     def as_expected(self) -> bool:

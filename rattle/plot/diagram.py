@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram
-from rattle.continuation.followed import Followed
+from rattle.continuation.followed import FollowedBranch
 from rattle.continuation.motions import Segment
-from rattle.continuation.sweeps import Points
+from rattle.continuation.sweeps import SweepPoints
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.diagram import diagram
@@ -102,7 +102,7 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
 
 def branch_figure(branch: Any) -> Figure:
     """Return the figure of one branch alone, as that of a diagram along its span without attractors."""
-    require(isinstance(branch, Followed), f"branch must be a Branch, got {type(branch).__name__}")
+    require(isinstance(branch, FollowedBranch), f"branch must be a Branch, got {type(branch).__name__}")
     found: Any = branch
     at = found.parameters
     way = at[np.argmax(np.abs(at - at[0]).sum(axis=1))] - at[0]
@@ -117,7 +117,7 @@ def branch_figure(branch: Any) -> Figure:
         *ends,
         (found,),
         tuple(event for event in found.events if event.admissible),
-        Points._make([np.empty(0)] * len(Points._fields)),
+        SweepPoints._make([np.empty(0)] * len(SweepPoints._fields)),
         AttractorTable.empty(),
         (),
         (),

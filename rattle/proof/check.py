@@ -51,7 +51,7 @@ def turned(x: Interval) -> tuple[Interval, Interval]:
     return IV.sin(TWO_PI * x) + SLACK, IV.cos(TWO_PI * x) + SLACK
 
 
-class Motion:
+class CertifiedMotion:
     """Motion of a certificate: its events are impacts, or begins and ends of contacts."""
 
     def __init__(self, document: Any) -> None:
@@ -71,9 +71,9 @@ class Motion:
         self.radii = [exact(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
         require(positive(self.delta, self.beta, *kappa, *self.radii), "a parameter or a radius is not positive")
 
-    def pieces(self, x: Sequence[Interval]) -> "list[Piece]":
+    def pieces(self, x: Sequence[Interval]) -> "list[MotionPiece]":
         """Return the pieces of the motion between its events."""
-        return [Piece(self, i, x) for i in range(len(self.walls))]
+        return [MotionPiece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
         """Return the errors of y and the velocity at the end of each piece, all 0 for a motion.
@@ -153,10 +153,10 @@ class Motion:
         return a + d
 
 
-class Piece:
+class MotionPiece:
     """y'' + δy' + ky = g(t) from event i to the next, where y is Φ less what it is at the event."""
 
-    def __init__(self, motion: Motion, i: int, x: Sequence[Interval]) -> None:
+    def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
         j = (i + 1) % len(motion.walls)
         self.unknowns, self.wall, self.target = (2 * i, 2 * i + 1, 2 * j, 2 * j + 1), motion.walls[i], motion.walls[j]
         self.t, self.w, t1, self.next = (x[unknown] for unknown in self.unknowns)
@@ -239,7 +239,7 @@ def check(text: str) -> str:
     try:
         document = json.loads(text)
         require(document["format"] == 1, "its format is not known")
-        motion = Motion(document)
+        motion = CertifiedMotion(document)
         x = motion.enclosed()
         motion.require_admissible(x)
         motion.require_least_period(x)

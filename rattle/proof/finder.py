@@ -16,7 +16,7 @@ from rattle.orbits.periodic import Periodic
 from rattle.proof import impacting, stiff
 from rattle.proof.balls import BITS, VERSIONS, arb, around, ball, ends, exactly, nearest, precision
 from rattle.proof.certificate import Certificate, Ends, Verdict
-from rattle.proof.flights import Plane
+from rattle.proof.flights import ModelPlane
 from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
 
 ROOM = 10**4  # times the width of a ball that a published enclosure is wider: others round in other ways
@@ -26,7 +26,7 @@ SAME_TRACE = 1e-6
 LONG = 16  # impacts; derivatives along more of them multiply to what 128 bits may not enclose
 
 
-class Motion(Evaluated, Protocol):
+class MotionSystem(Evaluated, Protocol):
     """A periodic motion whose times are known in balls."""
 
     @property
@@ -72,13 +72,13 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
-) -> tuple[Callable[[Sequence[arb]], Motion], NDArray[np.float64]]:
+) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
     """Return the motions of a computed one's itinerary by their times, and its own."""
-    plane = Plane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
+    plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
-        return impacting.Impacting(plane, orbit.walls, orbit.m), orbit.departures
+        return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
-    return stiff.Stiff(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
+    return stiff.StiffSystem(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
 
 
 def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
-from rattle.proof.flights import Flight, Plane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
 
 MODEL, ADDED = "stiff", "kappa"  # its name in certificates, and what it has beside the plane
 MOST_PARTS = 2000  # of a contact, in the proof that it lasts
@@ -22,7 +22,7 @@ MOST_PARTS = 2000  # of a contact, in the proof that it lasts
 class Walls:
     """The plane, and the stiffness κ of its walls."""
 
-    plane: Plane
+    plane: ModelPlane
     kappa: arb
 
     @cached_property
@@ -65,7 +65,7 @@ class Walls:
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactEnclosure:
     """A contact from time t0, with velocity w, to time t1."""
 
     walls: Walls
@@ -104,8 +104,8 @@ class Contacts:
 
     walls: Walls
     itinerary: tuple[int, ...]
-    contacts: list[Contact]
-    flights: list[Flight]
+    contacts: list[ContactEnclosure]
+    flights: list[FlightEnclosure]
 
     @property
     def residual(self) -> list[arb]:
@@ -157,7 +157,7 @@ class Contacts:
 
 
 @dataclass(frozen=True)
-class Stiff:
+class StiffSystem:
     """The motions that meet these walls (c,) in m forcing periods, by the times (2c,) of their contacts."""
 
     walls: Walls
@@ -175,11 +175,11 @@ class Stiff:
             )
             for i in range(1, n, 2)
         ]  # fmt: skip
-        contacts = [Contact(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
+        contacts = [ContactEnclosure(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
         return Contacts(self.walls, self.itinerary, contacts, flights)
 
 
-def require_lasts(contact: Contact, wall: int, name: str) -> None:
+def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
     """Raise NotProvedError unless ±y > 0 all through the contact, by bisection of its time.
 
     At the ends of each part ±y > 0 or, at those of the contact, y = 0; where y' has one sign that is so between them,

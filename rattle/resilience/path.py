@@ -20,7 +20,7 @@ from rattle.models import MODELS, AnyGear, gear_at, model_at
 from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulated_at
-from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, End, Orbit, end_of
+from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, OrbitEnd, TrackedOrbit, end_of
 from rattle.resilience.gears import States, path_of, unit_of
 
 Array = NDArray[np.float64]
@@ -209,27 +209,27 @@ class _Changes:
     def _told(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
-        end = End(UNKNOWN, 0.0, 1.0)
+        end = OrbitEnd(UNKNOWN, 0.0, 1.0)
         if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
-            return self._change(family, step, begins, End(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
+            return self._change(family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
         other = self._goes_to(row, away, *gears)
         if kind == Outcome.PERIODIC:
-            orbit = Orbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
+            orbit = TrackedOrbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = end_of(self.points.take([where]), self.points.take([away]), orbit)
             if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
-                end, other = End(CONTINUES, 0.0, 1.0), goes_on
+                end, other = OrbitEnd(CONTINUES, 0.0, 1.0), goes_on
         elif other in self.here[where]:
-            end = End(CRISIS, 0.0, 1.0)
+            end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = End(CRISIS, 0.0, 1.0)  # of chaos into chaos that visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)  # of chaos into chaos that visits other states
         elif other == CHAOS_THERE:
-            end, other = End(SAMPLING, 0.0, 1.0), -1
+            end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._change(family, step, begins, end, other)
 
-    def _change(self, family: int, step: int, begins: bool, end: End, other: int) -> Change:
+    def _change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
@@ -254,7 +254,7 @@ class _Changes:
                 return family
         return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
-    def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
+    def _listed(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
         """Return the family at a step that an orbit belongs to, −1 if it is not listed there."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():

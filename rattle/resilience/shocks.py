@@ -74,7 +74,7 @@ def smallest_shock(
         states, departure = _at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
     else:
         states, departure = _at_departures(gear, attractor), _changed
-    search = _Search(gear, attractor, states, departure, highest)
+    search = _ShockSearch(gear, attractor, states, departure, highest)
     search.run()
     return search.found()
 
@@ -114,7 +114,7 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
     return states, departure
 
 
-class _Search:
+class _ShockSearch:
     """The least shock so far, and between which of one state it lies: `low` does nothing, `high` does."""
 
     def __init__(

@@ -27,7 +27,7 @@ from rattle.stiff.orbits import period_one, periodic
 LONGEST_RUN = 1e5  # forcing periods of one call
 
 
-class Motion(NamedTuple):
+class MotionState(NamedTuple):
     """State of a motion after a time.
 
     Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
@@ -71,7 +71,7 @@ class StiffGear(Sampled, Rattling):
         """ε at which A and C are born at this damping. Raises RattleError where they are not born so."""
         return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
-    def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> Motion:
+    def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> MotionState:
         """Return the motion from (Φ, Φ') at this phase, after a time in forcing periods.
 
         The stroboscopic map, if it is whole.
@@ -101,7 +101,7 @@ class StiffGear(Sampled, Rattling):
         if status != OK or not (math.isfinite(x) and math.isfinite(w)):
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         whole = x if end == GAP else end * (self.beta + x)
-        return Motion(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
+        return MotionState(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
     def impact(self, tau: float, v: float) -> Impact:
         """Return the return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).

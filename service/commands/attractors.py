@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ SpeedLimit = Annotated[
 ]
 
 
-def found_at(point: Point, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
+def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
     """Return the attractors of a point by falling share of the samples.
 
     Their speeds are by default those of its motions.
@@ -40,7 +40,7 @@ def name_of(attractor: Attractor) -> str:
 
 
 @at_point()
-def attractors(point: Point, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
+def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
     The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the

@@ -142,7 +142,7 @@ def _check(path: Path) -> None:
     for number, line in enumerate(lines, 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
-        except (check.Refused, areas.Refused) as why:
+        except (check.Refused, areas.BlockRefused) as why:
             refused = True
             typer.echo(f"NOT PROVED, line {number}: {why}")
     if refused:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
 from gear_rattle.service.commands.attractors import name_of
 from gear_rattle.service.commands.options import Sample, Seed
 
@@ -22,7 +22,7 @@ BAR = 20  # characters of the longest bar
 
 @at_point(timed=True)
 def compare(
-    point: Point,
+    point: GivenPoint,
     table: Annotated[
         Path,
         typer.Argument(
@@ -32,7 +32,7 @@ def compare(
     offset: Annotated[
         float | None,
         typer.Option(
-            help="Time at which the transmission error closes the driving side's gap most, in the table's unit of time.",
+            help="Time at which the transmission error closes the driving side's gap most, in the table's unit.",
             show_default="as fits best",
         ),
     ] = None,

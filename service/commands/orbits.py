@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # of the limits
 
 
 @at_point()
-def orbits(point: Point) -> None:
+def orbits(point: GivenPoint) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""
     from rich.console import Console
     from rich.table import Table

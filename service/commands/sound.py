@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
 from gear_rattle.service.commands.attractors import SpeedLimit, found_at, name_of
 from gear_rattle.service.commands.options import Sample, Seed
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @at_point(timed=True)
 def sound(
-    point: Point,
+    point: GivenPoint,
     out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="Sound file to write.")],
     attractor: Annotated[
         int | None,
@@ -52,7 +52,7 @@ def sound(
     typer.echo(f"{out}: {name_of(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
 
 
-def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> Attractor:
+def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
     """Return the attractor of this number, or the one that rattles hardest."""
     if number is not None:
         if not 1 <= number <= len(found):

@@ -35,7 +35,7 @@ OPTIONS: dict[str, Any] = {
     **{
         name: _option(
             str,
-            f"{each.described}: one value{' or a third axis' if each.is_axis else ''} (selects the {each.model} model).",
+            f"{each.described}: one value{' or a third axis' if each.is_axis else ''} (the {each.model} model).",
             metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
             show_default=NUMBERS[name][1],
         )
@@ -88,7 +88,7 @@ OPTIONS: dict[str, Any] = {
     ),
     "bound": _option(
         float,
-        "Largest share of filled cells that may be wrong, with 95 % confidence; computes more until met (with --refine).",
+        "Largest share of filled cells that may be wrong, with 95 % confidence; more are computed until then (--refine).",
         metavar="SHARE",
     ),
     "certify": Annotated[

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobRow, Kind, State
+from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobKind, JobRow, State
 from gear_rattle.service.errors import ConflictError
 
 #: Idempotency keys of one survey that are remembered beside that which it was made with.
@@ -31,7 +31,7 @@ class NewJob:
     n_tiles: int
     idempotency_key: str | None = None
     owner: str | None = None
-    kind: Kind = Kind.SURVEY
+    kind: JobKind = JobKind.SURVEY
 
     @property
     def stored_key(self) -> str | None:

@@ -12,7 +12,17 @@ from sqlalchemy import bindparam, delete, func, select, text, update
 from sqlalchemy.orm import Session
 
 from gear_rattle.service.database.identity import NewJob, find_by_key, find_identical
-from gear_rattle.service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, Kind, ServiceRow, State, TileRow, now
+from gear_rattle.service.database.tables import (
+    ACTIVE,
+    EventRow,
+    JobKind,
+    JobRow,
+    KeyRow,
+    ServiceRow,
+    State,
+    TileRow,
+    now,
+)
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
@@ -87,7 +97,7 @@ class Surveys(Transactions):
         self._on_change(job.id)
         return job
 
-    def job(self, survey_id: str, kind: Kind | None = None) -> JobRow:
+    def job(self, survey_id: str, kind: JobKind | None = None) -> JobRow:
         """Return the survey or population with this id.
 
         UnknownSurveyError if there is none, or it is not of this kind.
@@ -108,13 +118,15 @@ class Surveys(Transactions):
             raise UnknownSurveyError(survey_id)
         return job
 
-    def jobs(self, limit: int, before: int | None = None, kind: Kind = Kind.SURVEY) -> tuple[Sequence[JobRow], int]:
+    def jobs(
+        self, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
+    ) -> tuple[Sequence[JobRow], int]:
         """Surveys, newest first, from those with a number below ``before``; and how many there are in all."""
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
         with self._read() as session:
-            counted = ServiceRow.surveys if kind == Kind.SURVEY else ServiceRow.populations
+            counted = ServiceRow.surveys if kind == JobKind.SURVEY else ServiceRow.populations
             total = session.scalars(select(counted)).one()
             return session.scalars(newest_first).all(), total
 
@@ -334,7 +346,7 @@ class Surveys(Transactions):
 
 
 def _count(service: ServiceRow, job: JobRow, more: int) -> None:
-    if job.kind == Kind.SURVEY:
+    if job.kind == JobKind.SURVEY:
         service.surveys += more
     else:
         service.populations += more

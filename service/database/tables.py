@@ -25,7 +25,7 @@ class State(StrEnum):
         return self not in ACTIVE
 
 
-class Kind(StrEnum):
+class JobKind(StrEnum):
     """Kinds of jobs."""
 
     SURVEY = "survey"
@@ -73,7 +73,7 @@ class JobRow(Table):
     started: Mapped[str | None]
     finished: Mapped[str | None]
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
-    kind: Mapped[str] = mapped_column(default=Kind.SURVEY)
+    kind: Mapped[str] = mapped_column(default=JobKind.SURVEY)
 
     # Without autoincrement SQLite hands the number of a deleted last row out again.
     __table_args__ = (

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from gear_rattle.service.jobs.directory import SURVEY_STORE, DataDirectory, Entry
+from gear_rattle.service.jobs.directory import SURVEY_STORE, DataDirectory, StoreEntry
 from gear_rattle.workers import Bucket
 
 
@@ -46,17 +46,17 @@ class BucketDirectory(DataDirectory):
         """Delete the store of a survey."""
         self.store(survey_id).delete()
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[StoreEntry]:
         """Return the entries among the stores, by name."""
         return sorted(self._entries(), key=lambda entry: entry.name)
 
-    def _entries(self) -> Iterator[Entry]:
+    def _entries(self) -> Iterator[StoreEntry]:
         for name in self._root.children():
             if match := SURVEY_STORE.fullmatch(name):
                 store = self.store(match["survey"])
-                yield Entry(f"{self._root}/{name}", match["survey"], store.deletion_begun(), False, store.delete)
+                yield StoreEntry(f"{self._root}/{name}", match["survey"], store.deletion_begun(), False, store.delete)
             else:
-                yield Entry(f"{self._root}/{name}", "", False, False, lambda: None)
+                yield StoreEntry(f"{self._root}/{name}", "", False, False, lambda: None)
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Nothing: an object is put whole or not at all."""

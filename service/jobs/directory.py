@@ -38,7 +38,7 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 
 
 @dataclass(frozen=True)
-class Entry:
+class StoreEntry:
     """Entry among the stores; ``survey_id`` is empty if its name is none of ours."""
 
     name: str
@@ -48,7 +48,7 @@ class Entry:
     remove: Callable[[], None]
 
     @classmethod
-    def of(cls, path: Path) -> Entry:
+    def of(cls, path: Path) -> StoreEntry:
         """Return the entry at a path."""
 
         def remove() -> None:
@@ -182,9 +182,9 @@ class DataDirectory:
             return
         shutil.rmtree(trash, ignore_errors=True)
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[StoreEntry]:
         """Everything that stands among the stores, the stores of surveys included."""
-        return [Entry.of(path) for path in sorted(self._stores.iterdir())]
+        return [StoreEntry.of(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Remove the files that killed writers left in a store, if it is that survey's; nobody may be writing to it."""

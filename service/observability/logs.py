@@ -87,7 +87,7 @@ def _traceback(
     return [f"  {printable(line)}" for line in lines]
 
 
-class Text(Printable):
+class TextFormatter(Printable):
     """A line for people: the message, then what it belongs to."""
 
     def format(self, record: logging.LogRecord) -> str:
@@ -106,7 +106,7 @@ class Text(Printable):
 def log_config(form: str) -> dict[str, Any]:
     """For `logging.config.dictConfig`: everything to stderr, as ``text`` or ``json``."""
     fields = "%(asctime)s %(levelname)s %(name)s %(message)s"
-    formatter = {"()": Text, "format": fields}
+    formatter = {"()": TextFormatter, "format": fields}
     if form == "json":
         names = {"asctime": "time", "levelname": "level", "name": "logger"}
         formatter = {

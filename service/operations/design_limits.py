@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers.pictures.look import Pair
@@ -67,7 +67,7 @@ class DesignLimits:
             self._front,
             limit_at,
             *(model, delta, share),
-            needs=(model.name, Part.ATTRACTORS),
+            needs=(model.name, KernelPurpose.ATTRACTORS),
             what="The design limit",
             advice="Use the command rattle limit.",
         )

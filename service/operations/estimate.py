@@ -11,7 +11,7 @@ from itertools import islice
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
@@ -27,7 +27,7 @@ STRONG = WATCH / PERIODS  # damping above which every sample is watched for as l
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CostEstimate:
     """Seconds that a survey will take on this service once it runs, and what that rests on.
 
     Or the most that it will take: if it is refined, and only the cost of a cell is known.
@@ -39,7 +39,7 @@ class Estimate:
     is_most: bool = False
 
 
-async def estimate(front: Front, request: AnyRequest) -> Estimate:
+async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     """Estimate the cost of a survey: by the one most like it among the newest here, else by nine of its cells.
 
     What a population will cost: by nine of its gears.
@@ -67,14 +67,14 @@ async def estimate(front: Front, request: AnyRequest) -> Estimate:
             front,
             cell_seconds,
             request,
-            needs=(request.model, Part.POINT),
+            needs=(request.model, KernelPurpose.POINT),
             what="The cost",
             advice="Ask for fewer initial conditions in a cell.",
         )
         basis = (
             f"measured now on {TRIED * TRIED} {'gears' if isinstance(request, PopulationRequest) else 'cells'} of it"
         )
-    return Estimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
+    return CostEstimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
 
 
 def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:

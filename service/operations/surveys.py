@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database import NewJob
-from gear_rattle.service.database.tables import UNREADABLE, JobRow, Kind, State
+from gear_rattle.service.database.tables import UNREADABLE, JobKind, JobRow, State
 from gear_rattle.service.errors import ForbiddenError
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.state import Front
@@ -66,7 +66,7 @@ def submit_survey(
             n_tiles=request.n_tiles,
             idempotency_key=idempotency_key,
             owner=caller.owner,
-            kind=Kind.POPULATION if isinstance(request, PopulationRequest) else Kind.SURVEY,
+            kind=JobKind.POPULATION if isinstance(request, PopulationRequest) else JobKind.SURVEY,
         ),
         front.settings.max_jobs,
         None if force else lambda survey_id: front.directory.store(survey_id).exists(),
@@ -75,7 +75,7 @@ def submit_survey(
     return job
 
 
-def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow | None:
+def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
     """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
 
     Returns
@@ -117,7 +117,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
     return front.database.describe(survey_id, given.name, given.notes)
 
 
-def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow:
+def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
     """Let a survey that has ended, or was dismissed, go on: what is damaged or missing of it is computed.
 
     Returns
@@ -138,7 +138,7 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
     return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
 
 
-def require_owner(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> None:
+def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
     """Raise ForbiddenError unless the caller submitted this survey."""
     if not caller.owns(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")

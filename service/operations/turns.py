@@ -9,7 +9,7 @@ import anyio
 from anyio import BrokenWorkerProcess, to_process
 
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.state import Front
 
 Result = TypeVar("Result")
@@ -20,7 +20,7 @@ async def in_turn(
     front: Front,
     compute: Callable[[*Arguments], Result],
     *arguments: *Arguments,
-    needs: tuple[str, Part],
+    needs: tuple[str, KernelPurpose],
     what: str,
     advice: str,
 ) -> Result:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import Path
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.prefix import public_path
 
@@ -79,9 +79,9 @@ SurveyId = Annotated[
 ]
 
 
-def path_of(survey_id: str, kind: Kind = Kind.SURVEY) -> str:
+def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
     """Path of a survey or a population, the parent of everything that belongs to it."""
-    return public_path(f"/v1/{'surveys' if kind == Kind.SURVEY else 'populations'}/{survey_id}")
+    return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 
 def request_shown(job: JobRow) -> dict[str, Any]:

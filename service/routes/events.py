@@ -15,7 +15,7 @@ from starlette.types import Receive, Scope, Send
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.access.revocation import Revocations
-from gear_rattle.service.database.tables import Kind, State
+from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs.broadcast import written
 from gear_rattle.service.routes.documents import SurveyId
@@ -59,10 +59,10 @@ async def follow(
     ] = 0,
 ) -> Response:
     """Events `state` and `tile`, numbered from 1; the stream closes after the event of the final state."""
-    return await stream(front, caller, survey_id, Kind.SURVEY, last_event_id)
+    return await stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
 
 
-async def stream(front: Front, caller: Caller, survey_id: str, kind: Kind, last_event_id: int) -> Response:
+async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
     """Return the events of a survey or a population."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:

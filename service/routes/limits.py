@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.points import number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import with_queries
@@ -43,7 +43,7 @@ class LimitDocument(BaseModel):
     high: float | None
 
 
-class Limits(BaseModel):
+class LimitsDocument(BaseModel):
     """Until where gears run quietly with a probability of `share` at least."""
 
     of: Wanted
@@ -95,7 +95,7 @@ async def limits(
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
-) -> Limits:
+) -> LimitsDocument:
     """Return the limit at which, and on whose safe side everywhere, a gear runs quietly with this probability.
 
     It is the largest eccentricity, backlash or speed, or the least damping or drag. In metres and rpm of a machine.
@@ -108,12 +108,14 @@ async def limits(
         front,
         found_limits,
         *(given, of, share, over, values, between, count, seed, budget),
-        needs=(model_of_numbers(given).name, Part.ATTRACTORS),
+        needs=(model_of_numbers(given).name, KernelPurpose.ATTRACTORS),
         what="The limits",
         advice="Ask for fewer initial conditions (count), fewer values, or use the command rattle limit.",
     )
     at: list[float | None] = [*values] if values else [None]
-    return Limits(of=of, share=share, count=count, limits=[_document(*each) for each in zip(at, found, strict=True)])
+    return LimitsDocument(
+        of=of, share=share, count=count, limits=[_document(*each) for each in zip(at, found, strict=True)]
+    )
 
 
 def found_limits(

@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import LimitError, UnavailableError
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.notebook import PACKAGE
 from gear_rattle.service.operations.overlaid import Asked, Overlaid
 from gear_rattle.service.routes.documents import SurveyId
@@ -203,7 +203,7 @@ async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> 
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
-    await front.kernels.require(survey.gear_model.name, Part.CURVES, patience=math.inf)
+    await front.kernels.require(survey.gear_model.name, KernelPurpose.CURVES, patience=math.inf)
     return await overlaid.over(survey, asked)
 
 

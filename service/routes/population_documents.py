@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.database.tables import JobRow, Kind
+from gear_rattle.service.database.tables import JobKind, JobRow
 from gear_rattle.service.operations.points import number
 from gear_rattle.service.routes.documents import Standing, path_of, request_shown, standing
 from rattle import Estimate, Population, RattleError
@@ -133,5 +133,5 @@ def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
 
 
 def _links(job: JobRow) -> PopulationLinks:
-    here = path_of(job.id, Kind.POPULATION)
+    here = path_of(job.id, JobKind.POPULATION)
     return PopulationLinks(self=here, events=f"{here}/events", store=f"{here}/store", answers=f"{here}/answers")

@@ -11,7 +11,7 @@ from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.access.middleware import CallerState
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.estimate import estimate
 from gear_rattle.service.operations.surveys import remove_survey, submit_survey, verify_survey
@@ -44,7 +44,7 @@ from gear_rattle.workers import Bucket, PopulationRequest
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
 estimates = APIRouter(prefix="/v1", tags=["populations"])
 
-KIND = Kind.POPULATION
+KIND = JobKind.POPULATION
 PopulationId = Annotated[
     str, Path(description="id of a population, from the answer to its submission", examples=[examples.POPULATION_ID])
 ]

@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from gear_rattle.service.database.tables import Kind, State
+from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.chunks import is_owed
 from gear_rattle.service.routes.documents import SurveyId, path_of
@@ -65,10 +65,10 @@ async def read(
     A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and cannot
     be read is no fill value: 503, and POST …/verify computes it again.
     """
-    return await stored_file(front, survey_id, Kind.SURVEY, key, request)
+    return await stored_file(front, survey_id, JobKind.SURVEY, key, request)
 
 
-async def stored_file(front: Front, survey_id: str, kind: Kind, key: str, request: Request) -> Response:
+async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
     """Return the file of this key in the store of a survey or a population."""
     job, store = await run_in_threadpool(front.stored, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
 from gear_rattle.service.access.middleware import CallerState
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.operations.surveys import (
     Description,
     describe_survey,
@@ -37,7 +37,7 @@ Cursor = Annotated[
 ]
 
 
-def tell_of_acceptance(response: Response, job: JobRow, kind: Kind) -> None:
+def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
     """Say where a survey or a population that was submitted is: 200 if it has ended, else when to look again."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).final:
@@ -46,7 +46,7 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: Kind) -> None:
         response.headers["Retry-After"] = RETRY_SECONDS
 
 
-def page_of(front: Front, kind: Kind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
+def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
     """Return one page of a list, newest first, how many there are in all, and the cursor of the next page."""
     jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
     page = jobs[:limit]
@@ -98,7 +98,7 @@ def submit(
     with, the latest 100 are remembered.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
-    tell_of_acceptance(response, job, Kind.SURVEY)
+    tell_of_acceptance(response, job, JobKind.SURVEY)
     return _detail(front, job)
 
 
@@ -115,7 +115,7 @@ def list_surveys(
     cursor: Cursor = None,
 ) -> Response:
     """List surveys, newest first."""
-    page, count, following = page_of(front, Kind.SURVEY, limit, cursor)
+    page, count, following = page_of(front, JobKind.SURVEY, limit, cursor)
     document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
     return json_answer(request, document)
 
@@ -128,7 +128,7 @@ def list_surveys(
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Show a survey."""
-    job = front.database.job(survey_id, Kind.SURVEY)
+    job = front.database.job(survey_id, JobKind.SURVEY)
     is_as_submitted = not job.notes and job.name == request_shown(job).get("name")  # names change at any time
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 

@@ -242,7 +242,7 @@ ANSWERS = {
     "SurveyList": LIST,
     "PopulationDetail": POPULATION_DETAIL,
     "PopulationList": POPULATION_LIST,
-    "Orbits": ORBITS,
+    "OrbitsDocument": ORBITS,
     "Attractors": ATTRACTORS,
     "Curves": CURVES,
     "Health": HEALTH,

@@ -24,7 +24,7 @@ class Edges(NamedTuple):
     on: np.ndarray
 
 
-class Ends(NamedTuple):
+class FamilyEnds(NamedTuple):
     """The edges of some components (k,) in a part of a grid.
 
     Number (k,) of pairs, on (k, curves) of those between which each curve passes.
@@ -37,7 +37,7 @@ class Ends(NamedTuple):
 
 def ends_in(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
-) -> Ends:
+) -> FamilyEnds:
     """Return the edges between the cells of a part of a grid and the next ones along δ and ε.
 
     The grid has so many columns, and its axes rise.
@@ -77,10 +77,10 @@ def ends_in(
             first = (part.top + i[ends]) * columns + part.left + j[ends]
             for k, crossing in enumerate(crossings):
                 on[:, k] += np.bincount(which[ends][np.isin(first, crossing[axis])], minlength=ids.size)
-    return Ends(ids, number, on)
+    return FamilyEnds(ids, number, on)
 
 
-def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
+def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
     """Return the edges of the families of a survey from those in its parts.
 
     Family: of each component, which indexes it.

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
-from gear_rattle.workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
+from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, crossed, name_of
 from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
 from rattle.curves import Curve
@@ -29,7 +29,7 @@ ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownCurve:
     """Curve with the attractors that it may make or end, and the pairs that it crosses (n,).
 
     Also whether it bounds regions, and how many of these pairs differ in such a way.
@@ -63,7 +63,7 @@ class Explanation:
     """
 
     pairs: Pairs
-    known: tuple[Known, ...]
+    known: tuple[KnownCurve, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
     sampling: np.ndarray
@@ -97,7 +97,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
         raise SurveyError(str(lacking(Capability.BOUNDARIES, model)))
-    search = _Search(Grid(dataset, families), most_curves)
+    search = _Search(CellGrid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.covers_region()
     every = range(len(search.pairs))
@@ -121,10 +121,10 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
 
 @dataclass
 class _Search:
-    grid: Grid
+    grid: CellGrid
     most_curves: int
     pairs: Pairs = field(init=False)
-    known: list[Known] = field(default_factory=list)
+    known: list[KnownCurve] = field(default_factory=list)
     met: dict[int, frozenset[Label]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -154,7 +154,7 @@ class _Search:
                 if reason:
                     yield n, reason
 
-    def counted(self) -> Iterator[Known]:
+    def counted(self) -> Iterator[KnownCurve]:
         """Yield the curves with the number of pairs that each explains."""
         for item in self.known:
             here = np.flatnonzero(item.crosses)
@@ -201,7 +201,7 @@ class _Search:
             return "the motion could not be followed"
         return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
 
-    def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, Attractor]:
+    def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
         """Return the cell that has more attractors of a label, the other, and the one of the smallest share there."""
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
@@ -241,14 +241,14 @@ class _Search:
         return found
 
     def _add(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
-        self.known.append(Known(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
+        self.known.append(KnownCurve(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
 
 
 def _labels_at(event: Event) -> frozenset[Label]:
     return labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
 
 
-def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
+def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
     """Return the labels of which two cells have different numbers, not because samples missed a motion."""
     if not pairs.attractors[n]:
         return []

@@ -33,7 +33,7 @@ class Pairs:
         return len(self.first)
 
 
-class Attractor(NamedTuple):
+class CellAttractor(NamedTuple):
     """One attractor of a cell: its label, a state on it and its share of the sample."""
 
     label: Label
@@ -42,7 +42,7 @@ class Attractor(NamedTuple):
     fraction: float
 
 
-class Grid:
+class CellGrid:
     """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
@@ -114,12 +114,12 @@ class Grid:
         delta, epsilon = self.point(cell)
         return bool(epsilon < quiet_limit(delta))
 
-    def attractors(self, cell: np.ndarray) -> list[Attractor]:
+    def attractors(self, cell: np.ndarray) -> list[CellAttractor]:
         """Return the attractors of one cell (i, j), by falling fraction."""
         columns = (*self.slots, *self.states)
         rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
         found = [
-            Attractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
+            CellAttractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
             for kind, m, plus, minus, tau, v, share in rows
             if kind
         ]
@@ -150,7 +150,7 @@ class _Families:
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
-def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:
+def crossed(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
     """Return flags of the pairs (n,) that a curve passes between: solved for on the lines of the grid."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]

@@ -17,7 +17,7 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from gear_rattle.workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
+from gear_rattle.workers.certificates import Answers, AttractorClaim, certified, certify_survey, require_proofs
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
 from gear_rattle.workers.cluster.isolation import compute_tile_apart
@@ -163,7 +163,7 @@ def certify_on(
     """Do what `certify_survey` does on a cluster. Its errors, and those of `template_on`: StoppedError after a stop."""
     joining = Joining(client, should_stop)
 
-    def prove(parts: Sequence[list[Claim]]) -> list[Answers]:
+    def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return joining.map(certified, [(part,) for part in parts])
 
     return certify_survey(survey, out, prove, joining.several(), on_done)

@@ -14,7 +14,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.boundaries.edges import Ends, ends_in
+from gear_rattle.workers.boundaries.edges import FamilyEnds, ends_in
 from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
@@ -71,7 +71,7 @@ class Told(NamedTuple):
     """Summary of a block's components: their sums, their ends, and those listed in one cell."""
 
     sums: Sums
-    ends: Ends
+    ends: FamilyEnds
     pairs: np.ndarray
 
 

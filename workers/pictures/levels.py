@@ -30,7 +30,7 @@ OpenGroup = Callable[[str], xr.Dataset | None]
 
 
 @dataclass(frozen=True)
-class Seen:
+class DisplayedCells:
     """Displayed cells (epsilon, delta): float32, and the status of each.
 
     Shares are those of the survey's own cells, not of what is shown: of codes, and of cells that have no number.
@@ -43,14 +43,14 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Part:
+class LevelPart:
     """Cells of a map, or of a level of it, that are together; along (epsilon, delta)."""
 
     level: Level | None
     at: tuple[slice, slice]
 
 
-def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Part:
+def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
     """Return the finest of these levels in which a window has no more cells than there is room for.
 
     From its first cells to its end; the coarsest if it has more in all.
@@ -63,13 +63,13 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Par
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
         rows, columns = (slice(a // each, -(-b // each)) for a, b, each in zip(first, end, cells, strict=True))
-        found = Part(level, (rows, columns))
+        found = LevelPart(level, (rows, columns))
         if rows.stop - rows.start <= room[0] and columns.stop - columns.start <= room[1]:
             break
     return found
 
 
-def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> Seen:
+def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
     """Return the displayed cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
@@ -102,7 +102,9 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
     return reduce.Codes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]) -> Seen:
+def of_level(
+    plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
+) -> DisplayedCells:
     """Return the displayed cells of a part of a level, as it is stored; plane: the same map of the survey."""
     name = str(plane.name)
 
@@ -190,7 +192,7 @@ def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
     return found
 
 
-def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> Seen:
+def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
     """Return codes, each the most frequent one or a rarer one.
 
     Of the codes of a cell but the most frequent one, the one is displayed that is in the fewest of the cells about it,
@@ -214,7 +216,9 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
         around = _around(cells[code])
         better = (shown >> code & 1).astype(bool) & (around < fewest)
         values[better], fewest[better] = code, around[better]
-    return Seen(values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns)))
+    return DisplayedCells(
+        values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns))
+    )
 
 
 def _around(cells: np.ndarray) -> np.ndarray:
@@ -237,7 +241,7 @@ def _shares(
     }
 
 
-def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> Seen:
+def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
     """Return numbers: the mean, or an extreme that is rare; none where having none is rare."""
     mean, least, largest, share = statistics.astype(float)
     with np.errstate(invalid="ignore"):
@@ -255,4 +259,4 @@ def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes)
         values = np.where(((share < 1) & (share > 0.5)) | (share == 0), lacking, values)
     known = np.isfinite(share)
     without = None if infinite.any() or not known.any() else float(1 - share[known].mean())
-    return Seen(values.astype(np.float32), _status(states), without=without)
+    return DisplayedCells(values.astype(np.float32), _status(states), without=without)

@@ -12,7 +12,7 @@ from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.storage.complex import split_complex
 from gear_rattle.workers.survey.machine import AXES
 from gear_rattle.workers.survey.slices import slices_of, third_of
-from gear_rattle.workers.survey.values.schema import CELL, FIXED, Form
+from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
@@ -20,7 +20,7 @@ CELLS = 16_384  # that are text at the same time
 
 
 #: The dimension of which each entry gets a row of its own, and what says that it is one.
-OWN_ROWS = {Form.ATTRACTORS: ("attractor", "attractor_kind"), Form.ORBITS: ("orbit", "orbit_exists")}
+OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
 def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
@@ -75,7 +75,7 @@ def _read(values: xr.DataArray, rows: int) -> None:
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 
-def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
+def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
     """Return the variables that a table has. Raises SurveyError if the survey has none of this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
@@ -88,7 +88,7 @@ def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
     return names
 
 
-def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, np.ndarray]]:
+def tables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
     """Yield the table of an open survey, as it is stored, in bands.
 
     Columns by their names, δ running first, then ε, then a third axis.
@@ -105,7 +105,7 @@ def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, n
         yield from _table(one, form)
 
 
-def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
+def _table(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
     names, rows = table_names(dataset, form), _rows(dataset)
     beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
@@ -157,7 +157,7 @@ def _tidy(
     return columns if there is None else {name: values[there] for name, values in columns.items()}
 
 
-def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
+def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[str]:
     """Yield a table as lines of CSV."""
     for number, columns in enumerate(tables(dataset, form)):
         if number == 0:
@@ -167,7 +167,7 @@ def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
 
 
-def write_parquet(dataset: xr.Dataset, form: Form = Form.CELLS) -> IO[bytes]:
+def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[bytes]:
     """Return a table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
 
     Returns

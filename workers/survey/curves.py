@@ -32,7 +32,7 @@ class Missing(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Variable:
+class CurveVariable:
     """A stored variable of a group, and its values; a group without values holds it with length 0."""
 
     name: str
@@ -48,7 +48,7 @@ class Variable:
         return np.asarray(self.values(item), self.dtype)
 
     @property
-    def parts(self) -> tuple["Variable", ...]:
+    def parts(self) -> tuple["CurveVariable", ...]:
         """Stored parts, as of a `Quantity`."""
         if self.dtype is not complex:
             return (self,)
@@ -72,37 +72,39 @@ class Variable:
 TEXT = np.dtypes.StringDType()  # of variable length, the only kind of text that zarr v3 specifies
 POINT, END, PAIR = ("point",), ("end",), ("pair",)
 
-CURVE_VARIABLES: tuple[Variable, ...] = (
-    Variable("point_delta", POINT, float, "damping δ of the point", lambda curve: curve.delta),
-    Variable("point_epsilon", POINT, float, "eccentricity ε of the point", lambda curve: curve.epsilon),
-    Variable("phase", POINT, float, "phase τ of the departure from Σ+, in forcing periods", lambda curve: curve.tau),
-    Variable("velocity", POINT, float, "speed v of the departure from Σ+", lambda curve: curve.v),
-    Variable(
+CURVE_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable("point_delta", POINT, float, "damping δ of the point", lambda curve: curve.delta),
+    CurveVariable("point_epsilon", POINT, float, "eccentricity ε of the point", lambda curve: curve.epsilon),
+    CurveVariable(
+        "phase", POINT, float, "phase τ of the departure from Σ+, in forcing periods", lambda curve: curve.tau
+    ),
+    CurveVariable("velocity", POINT, float, "speed v of the departure from Σ+", lambda curve: curve.v),
+    CurveVariable(
         "point_multiplier",
         ("multiplier", "point"),
         complex,
         "Floquet multiplier of the motion; where it grazes, without the square root",
         lambda curve: curve.multipliers,
     ),
-    Variable(
+    CurveVariable(
         "arclength",
         POINT,
         float,
         "length along the curve in the (δ, ε) plane, from the start of the piece",
         lambda curve: curve.arclength,
     ),
-    Variable("piece", POINT, np.int64, "number of the connected piece, from 0", lambda curve: curve.piece),
-    Variable(
+    CurveVariable("piece", POINT, np.int64, "number of the connected piece, from 0", lambda curve: curve.piece),
+    CurveVariable(
         "fold", POINT, bool, "whether δ turns back at the point", lambda curve: np.isin(range(len(curve)), curve.folds)
     ),
-    Variable(
+    CurveVariable(
         "end_point",
         END,
         np.int64,
         "number of the point, from 0, at which a piece ends; two ends of each piece in turn",
         lambda curve: [end.index for end in curve.ends],
     ),
-    Variable(
+    CurveVariable(
         "end_reason",
         END,
         TEXT,
@@ -119,24 +121,30 @@ def _pairs(points: Points) -> list[tuple[str, str, str, float]]:
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 
 
-POINT_VARIABLES: tuple[Variable, ...] = (
-    Variable("point", POINT, TEXT, "name of the codimension-two point", lambda points: [each.name for each in points]),
-    Variable("point_delta", POINT, float, "damping δ of the point", lambda points: [each.delta for each in points]),
-    Variable(
+POINT_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable(
+        "point", POINT, TEXT, "name of the codimension-two point", lambda points: [each.name for each in points]
+    ),
+    CurveVariable(
+        "point_delta", POINT, float, "damping δ of the point", lambda points: [each.delta for each in points]
+    ),
+    CurveVariable(
         "point_epsilon", POINT, float, "eccentricity ε of the point", lambda points: [each.epsilon for each in points]
     ),
-    Variable("meaning", POINT, TEXT, "what happens at the point", lambda points: [each.meaning for each in points]),
-    Variable(
+    CurveVariable(
+        "meaning", POINT, TEXT, "what happens at the point", lambda points: [each.meaning for each in points]
+    ),
+    CurveVariable(
         "curves",
         POINT,
         TEXT,
         "curves that meet at the point, groups of /curves, separated by spaces",
         lambda points: [" ".join(each.curves) for each in points],
     ),
-    Variable("pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _column(points, 0)),
-    Variable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _column(points, 1)),
-    Variable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _column(points, 2)),
-    Variable(
+    CurveVariable("pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _column(points, 0)),
+    CurveVariable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _column(points, 1)),
+    CurveVariable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _column(points, 2)),
+    CurveVariable(
         "pair_tangency",
         PAIR,
         float,

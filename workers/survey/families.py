@@ -8,7 +8,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.survey.curves import TEXT, Variable
+from gear_rattle.workers.survey.curves import TEXT, CurveVariable
 from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.template import (
@@ -32,30 +32,38 @@ FAMILY, GROUP = "attractor_family", "families"
 ROW, ENTERED = ("family",), ("entered",)
 REFERENCE = "docs/families.md"
 
-FAMILY_VARIABLES: tuple[Variable, ...] = (
-    Variable("family", ROW, np.int32, "number of the family; 0: quiet", lambda x: range(x.table.cells.size)),
-    Variable("kind", ROW, np.int8, f"kind of attractor: {', '.join(KINDS)}", lambda x: x.table.kind),
-    Variable("m", ROW, np.int32, "m of P(m, n+, n-); 0 unless periodic", lambda x: x.table.m),
-    Variable("n_plus", ROW, np.int32, "n+ of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_plus),
-    Variable("n_minus", ROW, np.int32, "n- of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_minus),
-    Variable("cells", ROW, np.int64, "cells that have it", lambda x: x.table.cells),
-    Variable("unsampled", ROW, np.int64, "cells where no sample goes to it", lambda x: x.table.unsampled),
-    Variable("delta_low", ROW, float, "least damping of its cells", lambda x: x.table.delta_low),
-    Variable("delta_high", ROW, float, "largest damping of its cells", lambda x: x.table.delta_high),
-    Variable("epsilon_low", ROW, float, "least eccentricity of its cells", lambda x: x.table.epsilon_low),
-    Variable("epsilon_high", ROW, float, "largest eccentricity of its cells", lambda x: x.table.epsilon_high),
-    Variable("largest_fraction", ROW, float, "largest share of a cell's sample", lambda x: x.table.largest_fraction),
-    Variable("mean_fraction", ROW, float, "mean share over its cells", lambda x: x.table.mean_fraction),
-    Variable("delta_at", ROW, float, "damping where its share is largest", lambda x: x.table.delta_at),
-    Variable("epsilon_at", ROW, float, "eccentricity where its share is largest", lambda x: x.table.epsilon_at),
-    Variable("exponent", ROW, float, "largest Lyapunov exponent of its cells", lambda x: x.table.exponent),
-    Variable("monodromy", ROW, bool, "whether a cell has two attractors of it", lambda x: x.table.monodromy),
-    Variable("entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family),
-    Variable("entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _places(x)[0]),
-    Variable("entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]),
-    Variable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
-    Variable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
-    Variable(
+FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable("family", ROW, np.int32, "number of the family; 0: quiet", lambda x: range(x.table.cells.size)),
+    CurveVariable("kind", ROW, np.int8, f"kind of attractor: {', '.join(KINDS)}", lambda x: x.table.kind),
+    CurveVariable("m", ROW, np.int32, "m of P(m, n+, n-); 0 unless periodic", lambda x: x.table.m),
+    CurveVariable("n_plus", ROW, np.int32, "n+ of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_plus),
+    CurveVariable("n_minus", ROW, np.int32, "n- of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_minus),
+    CurveVariable("cells", ROW, np.int64, "cells that have it", lambda x: x.table.cells),
+    CurveVariable("unsampled", ROW, np.int64, "cells where no sample goes to it", lambda x: x.table.unsampled),
+    CurveVariable("delta_low", ROW, float, "least damping of its cells", lambda x: x.table.delta_low),
+    CurveVariable("delta_high", ROW, float, "largest damping of its cells", lambda x: x.table.delta_high),
+    CurveVariable("epsilon_low", ROW, float, "least eccentricity of its cells", lambda x: x.table.epsilon_low),
+    CurveVariable("epsilon_high", ROW, float, "largest eccentricity of its cells", lambda x: x.table.epsilon_high),
+    CurveVariable(
+        "largest_fraction", ROW, float, "largest share of a cell's sample", lambda x: x.table.largest_fraction
+    ),
+    CurveVariable("mean_fraction", ROW, float, "mean share over its cells", lambda x: x.table.mean_fraction),
+    CurveVariable("delta_at", ROW, float, "damping where its share is largest", lambda x: x.table.delta_at),
+    CurveVariable("epsilon_at", ROW, float, "eccentricity where its share is largest", lambda x: x.table.epsilon_at),
+    CurveVariable("exponent", ROW, float, "largest Lyapunov exponent of its cells", lambda x: x.table.exponent),
+    CurveVariable("monodromy", ROW, bool, "whether a cell has two attractors of it", lambda x: x.table.monodromy),
+    CurveVariable(
+        "entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family
+    ),
+    CurveVariable(
+        "entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _places(x)[0]
+    ),
+    CurveVariable(
+        "entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]
+    ),
+    CurveVariable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
+    CurveVariable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
+    CurveVariable(
         "entered_lyapunov",
         ("entered", "exponent"),
         float,
@@ -66,10 +74,10 @@ FAMILY_VARIABLES: tuple[Variable, ...] = (
 
 
 #: What is known of where families end: of `gear_rattle.workers.boundaries.edges.Edges`.
-EDGE_VARIABLES: tuple[Variable, ...] = (
-    Variable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
-    Variable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
-    Variable(
+EDGE_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
+    CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
+    CurveVariable(
         "edges_on",
         ("family", "curve"),
         np.int64,

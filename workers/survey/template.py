@@ -18,7 +18,7 @@ from gear_rattle.workers.survey.axes import Axis
 from gear_rattle.workers.survey.curves import (
     CURVE_VARIABLES,
     POINT_VARIABLES,
-    Variable,
+    CurveVariable,
     curve_attributes,
     traced,
     window_around,
@@ -279,7 +279,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     write_variables(group, POINT_VARIABLES, model.codimension_two())
 
 
-def write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
+def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
     """Write the arrays of variables and their attributes to a group."""
     for variable in (part for each in variables for part in each.parts):
         write(group, variable.name, variable.dims, variable.of(item), variable.attributes)

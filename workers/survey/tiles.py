@@ -8,7 +8,7 @@ from types import EllipsisType
 import numpy as np
 
 from gear_rattle.workers.survey.curves import crossings
-from gear_rattle.workers.survey.refined.fill import Plan, RefinedCells, refined_cells
+from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
 from gear_rattle.workers.survey.refined.rounds import Round, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
@@ -153,7 +153,7 @@ def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound takes the audits of all slices together, so each has draws of its own; without, a slice is a survey.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
-    plan = Plan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
+    plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
 
 

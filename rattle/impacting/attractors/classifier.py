@@ -15,17 +15,17 @@ from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import enlarge
-from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
+from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import stable_cells
 from rattle.parameters import Parameters
 
 
-def cells_of(parameters: Parameters) -> Cells:
+def cells_of(parameters: Parameters) -> ImpactingCells:
     """Return cells with these parameters (n,), as kernels take them."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
-    return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+    return ImpactingCells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
 
 def quiet_invariant(parameters: Parameters) -> float:
@@ -50,9 +50,9 @@ class ImpactingClassifier(Classifier):
     quiet_invariant = staticmethod(quiet_invariant)
 
     @classmethod
-    def cells_of_orbits(cls, parameters: Parameters) -> Cells:
+    def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
         """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
-        return Cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
+        return ImpactingCells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(

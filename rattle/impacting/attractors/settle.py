@@ -35,7 +35,7 @@ CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples
 STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
 
 
-class Cells(NamedTuple):
+class ImpactingCells(NamedTuple):
     """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet."""
 
     delta: Any
@@ -149,7 +149,7 @@ def record(b, i, batches):
         row[2] += contraction
 
 
-class Watch(NamedTuple):
+class Observation(NamedTuple):
     """Observation of probes: impacts and forcing periods (k,) at least; batch sums and bitmaps of each."""
 
     least: Any
@@ -198,7 +198,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
     """
-    b, fresh, groups, watch = memory[0], NONE, GROUPS, Watch(least, periods, sums, footprints)
+    b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     empty(b)
     while groups > 0:
         fresh = watched_round(b, groups, fresh, which, cells, samples, balls, watch)
@@ -209,7 +209,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
             leave_footprints(b, groups, footprints)
 
 
-@for_type(point_of, Cells)
+@for_type(point_of, ImpactingCells)
 def _point_of(cell, cells):
     return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton, plane_scale
 from rattle.continuation.conditions import Kind
-from rattle.continuation.followed import Followed, first_of_doubled
+from rattle.continuation.followed import FollowedBranch, first_of_doubled
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
     HALF_PERIOD,
@@ -40,8 +40,8 @@ SAME_MOTION = 1e-6  # in times
 
 
 @dataclass(frozen=True, repr=False)
-class Branch(Followed):
-    """A branch of the impacting model: see `Followed`. unknowns (k, n + 2): times as in `PeriodicOrbit`, δ and ε."""
+class Branch(FollowedBranch):
+    """Branch of the impacting model: see `FollowedBranch`. unknowns (k, n + 2): times as in `PeriodicOrbit`, δ, ε."""
 
     itinerary: Itinerary
     events: tuple[Event, ...]

@@ -19,7 +19,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem, plane_scale, tangent_at, with_value
+from rattle.continuation.arclength import ContinuationProblem, plane_scale, tangent_at, with_value
 from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
@@ -197,7 +197,7 @@ def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) 
     return np.array(found)
 
 
-def _solved(problem: Problem, guess: Array, delta: float) -> Array:
+def _solved(problem: ContinuationProblem, guess: Array, delta: float) -> Array:
     x = with_value(problem, guess, -2, delta)
     if x is None:
         raise RattleError(f"a curve cannot be continued to delta = {delta}")

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import condition, scale_at
 from rattle.continuation.curves import (
     POINTS_ACROSS,
     QUIET_LIMIT,
     Curve,
-    Described,
-    Window,
+    CurveDescription,
+    PlaneWindow,
     limit_of_contact,
     spread_between,
     traced,
@@ -66,7 +66,7 @@ def trace(
     """
     require_one_of("name", name, NAMES)
     beta = require_number("beta", beta, positive=True)
-    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings(window, beta)
     try:
@@ -75,7 +75,7 @@ def trace(
         raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
 
 
-def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
+def _traced(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     definition = CURVES[name]
     itinerary = definition.itinerary(beta)
     return traced(
@@ -90,7 +90,7 @@ def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
     )
 
 
-def _dampings(window: Window, beta: float) -> Array:
+def _dampings(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched: over the window, at its edges, and near the ends of curves."""
     low, high = window.delta
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
@@ -127,7 +127,7 @@ def bifurcation_curve(
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
-    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
     require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.label
@@ -155,10 +155,10 @@ def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
     return definition.belongs(x) or admissible_or_why(itinerary, x, definition.impact)
 
 
-def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> Described:
+def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
     """Phase, speed and multipliers of the motion of x, at a graze of the one that misses the wall."""
     tau = float(x[0] - np.floor(x[0]))
-    return Described(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
+    return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 
 
 def _named(name: str, x: Array, reason: str, beta: float) -> str:
@@ -172,7 +172,7 @@ def _named(name: str, x: Array, reason: str, beta: float) -> str:
     return f"{nearest}: {reason}" if nearest and off[nearest] < SAME_POINT else reason
 
 
-def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
+def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     """Return the curve on which the contact force on Σ⁺ just reaches 0.
 
     x = (phase, δ, ε); the force and its derivative vanish.
@@ -187,4 +187,4 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
         return Forcing(x[..., 2]).touch(x[..., 0], x[..., 1])
 
     guesses = (np.array([phase_of_least_force(float(d)), d, float(quiet_limit(d))]) for d in dampings)
-    return limit_of_contact(beta, Problem(equations, scale=scale_at), guesses, window)
+    return limit_of_contact(beta, ContinuationProblem(equations, scale=scale_at), guesses, window)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, runs
 from rattle.errors import RattleError, require_number
@@ -54,7 +54,7 @@ class ImpactingMotions(Motions):
         solved = at_parameters(itinerary, x)
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
-    def problem(self, itinerary: Itinerary) -> Problem:
+    def problem(self, itinerary: Itinerary) -> ContinuationProblem:
         """See `Motions`."""
         return on_line(itinerary, self.segment.start, self.segment.direction)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, between, last_inside, newton, root_between, tangent_at
+from rattle.continuation.arclength import ContinuationProblem, between, last_inside, newton, root_between, tangent_at
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
@@ -79,7 +79,7 @@ class Event:
 
 
 def find_events(
-    itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> Iterator[Event]:
     """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch, in order.
 
@@ -113,7 +113,7 @@ def find_events(
 
 
 def between_twins(
-    itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
     """Return solutions to put between points, each (after which, y, tangent).
 
@@ -154,7 +154,9 @@ def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: 
 Test = Callable[[Array, Array], float]  # of the branch's direction and a solution; it changes sign at an event
 
 
-def _tests(itinerary: Itinerary, line: ParameterLine, problem: Problem) -> list[tuple[Kind, int | None, Test]]:
+def _tests(
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem
+) -> list[tuple[Kind, int | None, Test]]:
     def graze(impact: int) -> Test:
         return lambda _, y: float(itinerary.flights(line.plane(y)).w0[impact])
 
@@ -172,7 +174,7 @@ def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
 
 
 def _touches(
-    itinerary: Itinerary, line: ParameterLine, problem: Problem, inside: Array, outside: Array
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, inside: Array, outside: Array
 ) -> list[Candidate]:
     """Return candidates where a flight first touches a wall: a graze of the itinerary with that impact more."""
     edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))

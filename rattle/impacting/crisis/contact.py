@@ -51,7 +51,7 @@ class Crisis:
         return self.epsilon - float(sn1_formula(self.delta))
 
 
-class Frame:
+class ManifoldFrame:
     """W^u(A) and W^s(A) at one parameter point."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
@@ -124,9 +124,9 @@ class Frame:
 
 
 @lru_cache(maxsize=256)
-def frame(delta: float, epsilon: float, beta: float) -> Frame:
-    """`Frame`, remembered."""
-    return Frame(delta, epsilon, beta)
+def frame(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
+    """`ManifoldFrame`, remembered."""
+    return ManifoldFrame(delta, epsilon, beta)
 
 
 def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:

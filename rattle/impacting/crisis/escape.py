@@ -110,7 +110,7 @@ def _direction(
     return x / size, y / size
 
 
-class Followed:
+class FollowedManifold:
     """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points.
 
     After so many impacts (n,) at most; s (n, count): their distance from A at the start, which is their place on
@@ -139,7 +139,7 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
     found = a.decidable
     if found.any():
         a = a.at(found)
-        found[found] = Followed(a, SAMPLES, a.first_excursion).at_rest.any(axis=1)
+        found[found] = FollowedManifold(a, SAMPLES, a.first_excursion).at_rest.any(axis=1)
     return found
 
 
@@ -156,7 +156,7 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
     """Share of the orbits of W^u(A) that are chaotic after so many impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = Followed(a, WATCHED, a.first_excursion + settle)
+    found = FollowedManifold(a, WATCHED, a.first_excursion + settle)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0

@@ -7,7 +7,7 @@ import numpy as np
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.crisis.contact import Crisis, frame, solve
-from rattle.impacting.crisis.escape import SAMPLES, Followed, escapes, is_chaotic, outlived, saddle_at
+from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, escapes, is_chaotic, outlived, saddle_at
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
@@ -49,10 +49,10 @@ def _gaps(delta: float, beta: float) -> Array:
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
 
 
-def _followed(delta: float, beta: float, gap: float, density: int) -> Followed:
+def _followed(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
     """W^u(A) at SN1 + gap, by so many samples per unit of ln s. Raises RattleError where nothing is decidable."""
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
-    return Followed(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
+    return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
 
 
 def touched(delta: float, beta: float, gap: float, density: int) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import parameters
-from rattle.impacting.crisis.escape import SAMPLES, Followed, saddles
+from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, saddles
 
 CRISIS_SIDES = ("not_computed", "no_saddle", "inside", "escapes", "undecided")
 NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)
@@ -31,5 +31,5 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.decidable
     if known.any():
         a = a.at(known)
-        side[known] = np.where(Followed(a, SAMPLES, a.excursions).at_rest.any(axis=1), ESCAPES, INSIDE)
+        side[known] = np.where(FollowedManifold(a, SAMPLES, a.excursions).at_rest.any(axis=1), ESCAPES, INSIDE)
     return side.reshape(np.shape(broadcast[0]))

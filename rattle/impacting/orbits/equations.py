@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, line_scale
+from rattle.continuation.arclength import ContinuationProblem, line_scale
 from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between
 from rattle.flight.forcing import analytic_phase
 from rattle.flight.impact_law import arrival_part, impact_mismatch
@@ -141,14 +141,14 @@ class Itinerary(Equations):
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
 
 
-def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
+def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> ContinuationProblem:
     """Return the equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
 
     def equations(y: NDArray) -> NDArray:
         n = itinerary.n
         return itinerary.residual(np.concatenate([y[..., :n], origin + y[..., n:] * direction], axis=-1))
 
-    return Problem(equations, scale=line_scale(origin, direction))
+    return ContinuationProblem(equations, scale=line_scale(origin, direction))
 
 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:

@@ -12,7 +12,7 @@ from rattle.proof.certificate import Ends, text, texts
 FORMAT = 1
 
 
-class State(StrEnum):
+class ClaimedState(StrEnum):
     """Claim about A, B, C or D."""
 
     NONE = "none"
@@ -21,7 +21,7 @@ class State(StrEnum):
     SADDLE = "saddle"
 
 
-_NONE, _THERE, _ATTRACTING, _SADDLE = State
+_NONE, _THERE, _ATTRACTING, _SADDLE = ClaimedState
 REGIONS = {
     "I": {"A": _NONE, "B": _NONE, "C": _NONE, "D": _NONE},
     "II": {"A": _SADDLE, "B": _NONE, "C": _THERE, "D": _NONE},
@@ -33,7 +33,7 @@ ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
 #: What a claim says of which motions; of those that it does not name it says nothing.
-CLAIMS: dict[str, dict[str, State]] = {
+CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},
     **{claim: {letter: _SADDLE} for letter, claim in SADDLE.items()},
@@ -43,7 +43,7 @@ QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captu
 
 
 @dataclass(frozen=True)
-class Block:
+class ProvedBlock:
     """A theorem about all δ and ε between these ends, at one β; speed: below it quiet captures, if that is claimed."""
 
     claim: str

@@ -17,7 +17,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import Piece, hull, upper
+from rattle.proof.areas.piece import PlanePiece, hull, upper
 from rattle.proof.areas.quiet import limit
 from rattle.proof.balls import PI, arb, arb_series
 
@@ -25,7 +25,7 @@ PARTS = 128  # of a period
 KEPT = 0.95  # of the damping, at most, is undone: what is left makes v³/g decay
 
 
-def require_captures(piece: Piece, speed: Fraction) -> None:
+def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     """Raise NotProvedError unless all motions that leave Σ⁺ slower than this, at any phase, become quiet."""
     share = piece.epsilon / limit(arb_series([piece.delta]))[0]
     if not share < 1:
@@ -50,7 +50,7 @@ def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
 
 
-def _longest(piece: Piece, share: arb, invariant: arb) -> arb:
+def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     """Return a bound H of all bounces.
 
     They return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at 2H; and they are lower than

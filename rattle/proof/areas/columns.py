@@ -19,10 +19,10 @@ from rattle.impacting.map.quiet import capture_speed
 from rattle.impacting.orbits.limits import flip_formula, quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
 from rattle.orbits.period_one import NAMES, classify
-from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import require_captures
 from rattle.proof.areas.finder import Prover
-from rattle.proof.areas.piece import Piece, hull
+from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball, precision
 from rattle.proof.certificate import Ends
 
@@ -48,7 +48,7 @@ def columns(delta: Ends, number: int) -> list[Ends]:
     return list(pairwise(places))
 
 
-def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[Block]:
+def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
     """Return the blocks that are proved of a column."""
     prover, found = Prover(beta), []
     with precision(BITS):
@@ -56,19 +56,19 @@ def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[Block]:
             for part in columns(delta, parts):
                 for claim, low, high in expected(kind, float(beta), part, epsilon):
                     limits = _within(low, high, epsilon)
-                    found += [Block(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
+                    found += [ProvedBlock(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
         found += _captured(beta, delta, epsilon)
     return found
 
 
-def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Block]:
+def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
     """Blocks that end at some shares of the quiet limit, each with a speed below which quiet captures."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURED_TO:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))
         if not low < high:
             continue
-        piece = Piece(hull(*map(ball, delta)), hull(ball(low), ball(high)), ball(beta))
+        piece = PlanePiece(hull(*map(ball, delta)), hull(ball(low), ball(high)), ball(beta))
         speed = Fraction(capture_speed(float(delta[0]), float(high), float(beta)))
         for _ in range(MOST_SLOWED):
             speed = round(speed * SLOWED, PLACES)
@@ -76,7 +76,7 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Block]:
                 require_captures(piece, speed)
             except NotProvedError:
                 continue
-            yield Block(CAPTURED, beta, delta, (low, high), round(speed * ROOM, PLACES))
+            yield ProvedBlock(CAPTURED, beta, delta, (low, high), round(speed * ROOM, PLACES))
             break
         low = high
 

@@ -11,7 +11,7 @@ FINEST = arb(2.0**-12)  # part of a flight, in periods; what is not told of it c
 
 
 @dataclass(frozen=True)
-class Piece:
+class PlanePiece:
     """All δ and ε of two balls, at one β."""
 
     delta: arb

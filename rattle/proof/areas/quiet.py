@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rattle.proof.areas.piece import Piece, centred
+from rattle.proof.areas.piece import PlanePiece, centred
 from rattle.proof.balls import PI, arb_series
 
 
@@ -11,7 +11,7 @@ def limit(delta: arb_series) -> arb_series:
     return 2 * delta / (delta * delta + 4 * PI() ** 2).sqrt()
 
 
-def possible(piece: Piece) -> bool | None:
+def possible(piece: PlanePiece) -> bool | None:
     """Return whether Σ⁺ can be rested on, at all points of the piece; None if that is not told."""
     share = centred(limit, piece.delta)
     return True if piece.epsilon < share else False if piece.epsilon > share else None

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 
 REGION = "the region"
 #: What holds on which blocks, and on which it is proved not to; elsewhere it is not told.
@@ -36,7 +36,7 @@ class Share:
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 
-def shares(blocks: Iterable[Block], area: Fraction) -> list[Share]:
+def shares(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
     """Return the shares of a plane of this area.
 
     Blocks of one claim do not overlap, nor do those of I to V.

@@ -17,7 +17,7 @@ from itertools import groupby
 from typing import TypeVar
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import FINEST, Piece, hull, lower, upper
+from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower, upper
 from rattle.proof.balls import PI, arb, arb_series
 
 NARROWEST = 2.0**-20  # cell of s
@@ -79,7 +79,7 @@ def solved(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
     return (sums[0] * a22 - a12 * sums[1]) / determinant, (a11 * sums[1] - a21 * sums[0]) / determinant
 
 
-class Cell:
+class SolutionCell:
     """Cell of all solutions with s between two numbers, over all δ and at the β of a piece."""
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
@@ -87,16 +87,16 @@ class Cell:
         self.s = hull(start, end)
 
     @cached_property
-    def halves(self) -> tuple[Cell, Cell]:
+    def halves(self) -> tuple[SolutionCell, SolutionCell]:
         """Both halves."""
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(f"about s = {float(middle):.4f} it is not told which motions of two impacts there are")
         return self.between(self.start, middle), self.between(middle, self.end)
 
-    def between(self, start: arb, end: arb) -> Cell:
+    def between(self, start: arb, end: arb) -> SolutionCell:
         """Another cell, at the same δ."""
-        return Cell(start, end, self.delta, self.beta)
+        return SolutionCell(start, end, self.delta, self.beta)
 
     @cached_property
     def system(self) -> tuple[list[list[arb]], ...]:
@@ -286,12 +286,12 @@ def squares(epsilon: arb) -> tuple[arb, arb]:
     return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
 
 
-def cells(piece: Piece) -> tuple[Cell, Cell]:
+def cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
     """Return all s, at the δ of a piece."""
-    return Cell(arb(0), arb(1), piece.delta, piece.beta).halves
+    return SolutionCell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
-def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Cell]]:
+def motions(piece: PlanePiece, all_s: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
     """Return all B (D) that there are at each point of the piece, each by the cells that it is in.
 
     Raises NotProvedError.
@@ -306,7 +306,7 @@ def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Ce
     NotProvedError
         If their number is not certain.
     """
-    told: list[tuple[bool, Cell]] = []
+    told: list[tuple[bool, SolutionCell]] = []
     waiting = list(reversed(all_s))
     while waiting:
         cell = waiting.pop()
@@ -321,7 +321,7 @@ def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Ce
     return [run for run in runs if _crosses(piece, run, RISES[letter])]
 
 
-def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
+def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
     """Return whether both multipliers are inside the unit circle wherever in these cells a motion is.
 
     Else one is outside everywhere. Raises NotProvedError.
@@ -350,7 +350,7 @@ def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
     return True in verdicts
 
 
-def _crosses(piece: Piece, run: list[Cell], rises: int) -> bool:
+def _crosses(piece: PlanePiece, run: list[SolutionCell], rises: int) -> bool:
     """Return whether ε(s), which is monotone over these cells, takes each ε of the piece once there.
 
     Else it takes none.
@@ -370,7 +370,7 @@ def _crosses(piece: Piece, run: list[Cell], rises: int) -> bool:
     """
     (low, high), sides = squares(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
-        square = Cell(s, s, piece.delta.mid(), piece.beta).square
+        square = SolutionCell(s, s, piece.delta.mid(), piece.beta).square
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError("it is not told where a family of motions of two impacts ends")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rattle.continuation.conditions import Kind
-from rattle.proof.bifurcations.systems import Motion
+from rattle.proof.bifurcations.systems import CurveMotion
 from rattle.proof.certificate import FORMAT, Ends, text, texts
 
 THEOREM = "bifurcation"
@@ -25,7 +25,7 @@ class BifurcationCertificate:
     """
 
     name: str
-    motion: Motion
+    motion: CurveMotion
     known: dict[str, Fraction]
     solved: dict[str, Ends]
     times: tuple[Fraction, ...]

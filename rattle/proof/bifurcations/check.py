@@ -21,7 +21,7 @@ from rattle.proof.check import (
     UNIT,
     ZERO,
     Interval,
-    Piece,
+    MotionPiece,
     Refused,
     exact,
     positive,
@@ -39,59 +39,59 @@ NAMES = {
 }  # fmt: skip
 
 
-class Jet:
+class ParameterJet:
     """An interval, and its derivatives by all unknowns."""
 
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
-    def chained(self, value: Interval, slope: Interval) -> "Jet":
+    def chained(self, value: Interval, slope: Interval) -> "ParameterJet":
         """Return a function of this jet, by the chain rule."""
-        return Jet(value, [slope * each for each in self.slopes])
+        return ParameterJet(value, [slope * each for each in self.slopes])
 
-    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "Jet":
+    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
         """Return a combination of two jets, by the partial derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
-        return Jet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
+        return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
-    def __add__(self, other: Any) -> "Jet":
+    def __add__(self, other: Any) -> "ParameterJet":
         """Return the sum."""
         other = jet(other)
         return self.combined(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
-    def __mul__(self, other: Any) -> "Jet":
+    def __mul__(self, other: Any) -> "ParameterJet":
         """Return the product."""
         other = jet(other)
         return self.combined(other, self.value * other.value, other.value, self.value)
 
-    def __neg__(self) -> "Jet":
+    def __neg__(self) -> "ParameterJet":
         """Return the negative."""
         return self.chained(-self.value, ZERO - 1)
 
-    def __sub__(self, other: Any) -> "Jet":
+    def __sub__(self, other: Any) -> "ParameterJet":
         """Return the difference."""
         return self + -jet(other)
 
-    def __truediv__(self, other: "Jet") -> "Jet":
+    def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
         """Return the quotient."""
         return self * other.chained(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def exp(self) -> "Jet":
+    def exp(self) -> "ParameterJet":
         """Return the exponential."""
         value = IV.exp(self.value) * (1 + SLACK)
         return self.chained(value, value)
 
-    def turned(self) -> "tuple[Jet, Jet]":
+    def turned(self) -> "tuple[ParameterJet, ParameterJet]":
         """Sine and cosine of 2π times it."""
         sine, cosine = turned(self.value)
         return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
 
 
-def jet(x: Any) -> Jet:
+def jet(x: Any) -> ParameterJet:
     """Return a jet; a number is a constant."""
-    return x if isinstance(x, Jet) else Jet(ZERO + x)
+    return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
 
 class Bifurcation:
@@ -140,7 +140,7 @@ class Bifurcation:
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[list[Interval]]]:
         """Their values, all 0 at the point, and their derivatives."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
-        at = [Jet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
+        at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
         delta, epsilon = (jet(each) for each in self.parameters(at))
         values, pieces, turn = [], [], jet(TWO_PI)
         for i in range(self.n):
@@ -160,7 +160,7 @@ class Bifurcation:
             values.append(self.condition(pieces, delta))
         return [each.value for each in values], [each.slopes for each in values]
 
-    def condition(self, pieces: Sequence[Any], delta: Jet) -> Jet:
+    def condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
         """Return the vanishing condition of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
         a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
         first = self.impact or 0
@@ -205,7 +205,7 @@ class Bifurcation:
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
         )
         for i in range(self.n):
-            piece, j = Piece(motion, i, x), (i + 1) % self.n
+            piece, j = MotionPiece(motion, i, x), (i + 1) % self.n
             require(positive(piece.duration), f"piece {i + 1} takes no time")
             require(i == self.impact or positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
             grazes = i == self.impact, j == self.impact
@@ -223,7 +223,7 @@ class Bifurcation:
                 require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
 
 
-def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
+def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
     """Return whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
 
     There Φ' = 0, and Φ'' has the sign of the way out: so Φ' has one sign around, and Φ is clear beside the graze.
@@ -250,12 +250,12 @@ def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
     return clear(piece, beside) and lasts(piece, *ends)
 
 
-def clear(piece: Piece, y: Interval) -> bool:
+def clear(piece: MotionPiece, y: Interval) -> bool:
     """Return whether y is clear of both walls."""
     return positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
-def lasts(piece: Piece, low: Interval, high: Interval) -> bool:
+def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
     """Return whether a piece is clear between two times, at which it is, or is on its wall."""
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):

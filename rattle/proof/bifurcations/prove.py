@@ -20,7 +20,7 @@ from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
-from rattle.proof.bifurcations.systems import FREE, Motion, System, require_happens
+from rattle.proof.bifurcations.systems import FREE, CurveMotion, System, require_happens
 from rattle.proof.certificate import Ends, Exact, exact
 from rattle.proof.finder import LONG, require_least_period
 from rattle.proof.krawczyk import enclosed
@@ -75,7 +75,7 @@ def certify_curve_point(
         raise NotProvedError(f"that point is not on {name}: {why}")
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
-    bifurcating = Motion(definition.walls, 1, definition.kind, definition.impact)
+    bifurcating = CurveMotion(definition.walls, 1, definition.kind, definition.impact)
     return _certified(name, bifurcating, x, numbers["beta"], {along: numbers[along]})
 
 
@@ -117,7 +117,7 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
         raise NotProvedError("the event's curve cannot be solved at its damping")
-    motion = Motion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
+    motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
     return _certified(str(event.kind), motion, x, number, {"delta": exact("delta", event.delta)})
 
 
@@ -146,13 +146,13 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
             raise NotProvedError(f"no grazing motion was found at {point.name}")
-        motion = Motion(graze.walls, 1, graze.kind, graze.impact, point.name)
+        motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_certified(point.name, motion, near[0], number, {}))
     return tuple(found)
 
 
 def _certified(
-    name: str, motion: Motion, x: Array, beta: Fraction, known: dict[str, Fraction]
+    name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
     """Return the theorem about the solution near x (n + 2,)."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
@@ -175,7 +175,7 @@ def _certified(
         )
 
 
-def _null_vector(motion: Motion, x: Array, beta: float) -> Array:
+def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
     """φ (n,) of length 1, of a saddle-node or a flip."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)

@@ -20,8 +20,8 @@ from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.corners import CONDITIONS
-from rattle.proof.flights import UP, Flight, Plane, extrema, require_first
-from rattle.proof.impacting import Impacting
+from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first
+from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
 FREE = ("delta", "epsilon")
@@ -39,7 +39,7 @@ class Between(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Motion:
+class CurveMotion:
     """Quantities that do not change along a curve.
 
     The walls (n,) of a motion in m forcing periods, what happens to it, the number of the impact that grazes, and the
@@ -62,14 +62,14 @@ class Motion:
 class System:
     """The equations of a motion at a half-backlash; known: δ or ε where it is given; side: l (n,)."""
 
-    motion: Motion
+    motion: CurveMotion
     beta: arb
     known: dict[str, arb]
     side: Sequence[float] = ()
 
-    def __call__(self, at: Sequence[arb]) -> Evaluated:
+    def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
         """Evaluate the equations at unknowns (N,): times, the unknown ones of δ and ε, φ."""
-        return Evaluated(self, at)
+        return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
         """Return δ and ε, balls or series as the unknowns are; what is known is a ball."""
@@ -77,13 +77,13 @@ class System:
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
-    def plane(self, at: Sequence[arb]) -> Plane:
+    def plane(self, at: Sequence[arb]) -> ModelPlane:
         """Return the point of the plane."""
-        return Plane(*self.parameters(at), self.beta)
+        return ModelPlane(*self.parameters(at), self.beta)
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class EvaluatedSystem:
     """A system somewhere."""
 
     system: System
@@ -167,10 +167,10 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
     motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
     grazed = motion.impact
     if grazed is None:
-        Impacting(plane, motion.walls, motion.m)(times).require_admissible()
+        ImpactingSystem(plane, motion.walls, motion.m)(times).require_admissible()
         return
     walls = (*motion.walls[:grazed], *motion.walls[grazed + 1 :])
-    missed = Impacting(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
+    missed = ImpactingSystem(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
     for i, each in enumerate(missed.flights):
         target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1} that is made"
         if i == (grazed - 1) % len(walls):
@@ -180,7 +180,7 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
             require_first(each, walls[i], target, name)
 
 
-def require_touches(each: Flight, wall: int, target: int, touched: int, time: arb, name: str) -> None:
+def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
     """Raise NotProvedError unless a flight that has speed 0 on the wall `touched` at `time` meets none before its end.
 
     It turns at that time if g pushes it off: so that is one of its extrema, and all others must be clear of the walls.

@@ -11,7 +11,7 @@ from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
 from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import Flight, Plane, require_first, sign
+from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first, sign
 
 GROWN = 1.25  # by which the guess of a ball of arrival times is widened, each time that it is refused
 MOST_GROWN = 6
@@ -36,7 +36,7 @@ class Arrival:
     slope: arb_mat
 
 
-def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
     """Return Π of all (t, v) in centre + sides [−1, 1]², with the derivatives by the coordinates in [−1, 1]².
 
     Their motions meet these walls between two impacts on Σ⁺.
@@ -59,11 +59,11 @@ def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence
     return Image((middle[0], -middle[1]), turn * sides)
 
 
-def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
+def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
     """Return the flights from a wall at times and velocities middle + sides [−1, 1]², which end first at `target`."""
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
-    bundle = Bundle(plane, middle, sides)
+    bundle = FlightBundle(plane, middle, sides)
     at_middle = bundle.until(time)
     by_t0, by_w0 = _derivatives(at_middle, time)
     guess = abs(spread(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
@@ -95,10 +95,10 @@ def spread(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
 
 
 @dataclass(frozen=True)
-class Bundle:
+class FlightBundle:
     """Flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
 
-    plane: Plane
+    plane: ModelPlane
     middle: tuple[arb, arb]
     sides: arb_mat
 
@@ -109,11 +109,11 @@ class Bundle:
         t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
         return t0, w0
 
-    def until(self, t: arb) -> Flight:
+    def until(self, t: arb) -> FlightEnclosure:
         """Return the middle one."""
         return _flight(self.plane, *self.middle, t)
 
-    def all_until(self, t: arb) -> Flight:
+    def all_until(self, t: arb) -> FlightEnclosure:
         """Return all of them."""
         return _flight(self.plane, *self.hull, t)
 
@@ -129,7 +129,7 @@ class Bundle:
         by_t0, by_w0 = _derivatives(self.all_until(t), t)
         return self.until(t).at(t)[which] + arb(0, 1) * spread(self.sides, by_t0[which], by_w0[which])
 
-    def require_clear(self, here: Flight, wall: int, target: int, name: str) -> None:
+    def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
         """Raise NotProvedError unless these flights meet no wall on their way.
 
         By their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has one sign, or
@@ -162,15 +162,15 @@ class Bundle:
         raise NotProvedError(f"{name} may meet a wall on its way")
 
 
-def _flight(plane: Plane, t0: arb, w0: arb, t1: arb) -> Flight:
+def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
     """Return the flight with this begin until t1; its own derivatives are left out."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
-    return Flight(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
+    return FlightEnclosure(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
 
 
-def _derivatives(here: Flight, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
     """Return the derivatives of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
@@ -179,7 +179,7 @@ def _derivatives(here: Flight, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]
     return (reach * push - here.w0, kept * push), (reach, kept)
 
 
-def _time(plane: Plane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
+def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
     """When the flight of the middle ends, in a small ball."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers

@@ -16,11 +16,11 @@ from rattle.proof.balls import VERSIONS, arb, ball, precision
 from rattle.proof.certificate import Exact, exact
 from rattle.proof.chaos import search
 from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
-from rattle.proof.chaos.coverings import HSet, Mapped, Pair, Part
-from rattle.proof.flights import Plane
+from rattle.proof.chaos.coverings import HSet, Mapped, Pair, SetPart
+from rattle.proof.flights import ModelPlane
 
 PLACES_TRIED = 3
-POINT = Part(0.0, 0.0, 0.0, 0.0)
+POINT = SetPart(0.0, 0.0, 0.0, 0.0)
 DIGITS = Fraction(1, 10**4)  # of the entropy that is said
 
 
@@ -45,7 +45,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     gear = Gear(*(float(number) for number in parameters.values()))
     best: HorseshoeCertificate | None = None
     with precision():
-        plane = Plane(*(ball(number) for number in parameters.values()))
+        plane = ModelPlane(*(ball(number) for number in parameters.values()))
         for found in islice(search.search(gear), PLACES_TRIED):
             proved = _proved(plane, parameters, found)
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
@@ -55,7 +55,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     return best
 
 
-def _proved(plane: Plane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
+def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
     """Return the theorem about the loops of a hub that can be proved, None if these are fewer than two."""
     hub = _exactly(found.hub)
     sets, loops = [hub], list[Loop]()
@@ -83,7 +83,7 @@ def _proved(plane: Plane, parameters: dict[str, Fraction], found: search.Found) 
 
 
 def _covered(
-    plane: Plane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
+    plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
 ) -> tuple[int, ...]:
     """How many forcing periods later each set of a chain covers the next. Raises NotProvedError if one does not."""
     periods = []
@@ -99,7 +99,7 @@ def _covered(
     return tuple(periods)
 
 
-def _exactly(box: search.Box) -> HSet:
+def _exactly(box: search.StateBox) -> HSet:
     """Return a box in few digits, its time in [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)

@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, longest_step, root_between, tangent_at
+from rattle.continuation.arclength import (
+    CLOSED,
+    Bound,
+    ContinuationProblem,
+    Follower,
+    Path,
+    longest_step,
+    root_between,
+    tangent_at,
+)
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.followed import first_of_doubled
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
@@ -186,7 +195,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
     )
 
 
-def _fold(problem: Problem, a: Array, b: Array) -> Callable[[Array], float]:
+def _fold(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
     """Return the rate of the parameter along the branch from a to b."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
@@ -212,9 +221,9 @@ def stiff_curve(
         If the event is neither a saddle-node nor a flip.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
-    from rattle.continuation.curves import Window, pieces
+    from rattle.continuation.curves import PlaneWindow, pieces
 
-    window = Window(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
+    window = PlaneWindow(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary
 
     def left(x: Array) -> str | None:

@@ -9,9 +9,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import Kind, condition, scale_at
-from rattle.continuation.curves import Curve, Described, Window, limit_of_contact, spread_between, traced, window_range
+from rattle.continuation.curves import (
+    Curve,
+    CurveDescription,
+    PlaneWindow,
+    limit_of_contact,
+    spread_between,
+    traced,
+    window_range,
+)
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.flight.forcing import TWO_PI
 from rattle.flight.impact_law import ELASTIC
@@ -19,7 +27,7 @@ from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
 from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, is_admissible, softness, struck, trace_of
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, Family, crossings, families, span_of
+from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, crossings, families, span_of
 from rattle.stiff.orbits.family_continuation import between
 from rattle.stiff.orbits.periodic import orbit_of
 
@@ -72,7 +80,7 @@ def trace(
     """
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
-    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     dampings = np.array([*spread_between(*window.delta), *window.delta])
     try:
         if name == QUIET:
@@ -90,7 +98,7 @@ def describe(name: str) -> str:
     return f"{MEANINGS[name]} (docs/stiff.md)"
 
 
-def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
+def _traced(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
     walls = PLUS if name in OF_ONE_CONTACT else PLUS_MINUS
     itinerary = StiffItinerary(tuple(walls.tolist()), 1, beta, softness(kappa))
     kind = Kind.FLIP if name in FLIPS else Kind.SADDLE_NODE
@@ -98,16 +106,16 @@ def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Arra
     def left(x: Array) -> str | None:
         return _left(name, np.delete(x, -2), Cycle(walls, 1, float(x[-2]), beta, kappa))
 
-    def described(x: Array) -> Described:
+    def described(x: Array) -> CurveDescription:
         orbit = orbit_of(itinerary, x)
-        return Described(orbit.tau, orbit.v, np.array(orbit.multipliers))
+        return CurveDescription(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
     starts = _starts(name, beta, kappa, window, dampings)
     problem, times = condition(itinerary, kind), itinerary.contacts
     return traced(name, beta, problem, starts, window, left, described, lambda _, reason: reason, times)
 
 
-def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Iterator[Array]:
+def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Guesses of the unknowns (2c + 2,) on a curve at these dampings."""
     for delta in dampings.tolist():
         for family in families(delta, beta, kappa, span_of(delta, window.epsilon[1])):
@@ -115,7 +123,7 @@ def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Arra
                 yield np.insert(y, y.size - 1, delta)
 
 
-def _events(name: str, family: Family) -> list[Array]:
+def _events(name: str, family: StiffFamily) -> list[Array]:
     """Return the motions (2c + 1,) of a family that are on a curve.
 
     Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is the pole of the limit's
@@ -136,7 +144,7 @@ def _events(name: str, family: Family) -> list[Array]:
     return [y for y in late if is_admissible(y, family.cycle)]
 
 
-def _flips(name: str, family: Family) -> list[Array]:
+def _flips(name: str, family: StiffFamily) -> list[Array]:
     """Return the flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
@@ -202,7 +210,7 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
     return float(left[:, -1] @ bend) * float(left[:, -1] @ matrix[:, n]) > 0.0
 
 
-def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
+def _quiet_limit(beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
     """Return the curve on which the depth of permanent contact, times κ, and its rate vanish.
 
     x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
@@ -226,4 +234,6 @@ def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> 
         phase = np.arctan2(2 * TWO_PI * delta * kappa, TWO_PI**2 * (a - delta**2)) / TWO_PI
         return np.array([phase, delta, float(quiet_limit(delta, kappa))])
 
-    return limit_of_contact(beta, Problem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window)
+    return limit_of_contact(
+        beta, ContinuationProblem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window
+    )

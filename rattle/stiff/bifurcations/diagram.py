@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
@@ -56,7 +56,7 @@ class StiffMotions(Motions):
         except RattleError:
             return None
 
-    def problem(self, itinerary: StiffItinerary) -> Problem:
+    def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
         """See `Motions`."""
         return self._line(itinerary).problem
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, line_scale, root_between, with_value
+from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, with_value
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
@@ -39,7 +39,7 @@ class MotionsOnLine:
         return StiffItinerary(self.walls, self.m, self.beta, float(self.plane(y)[-1]))
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ContinuationProblem:
         """The equations along the line."""
         any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
 
@@ -50,7 +50,7 @@ class MotionsOnLine:
             ):  # at a flight of length 0, which Newton's method refuses
                 return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
-        return Problem(equations, scale=line_scale(self.origin, self.direction))
+        return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
 
     def is_admissible(self, y: Array) -> bool:
         """Return whether the motion of a solution does."""

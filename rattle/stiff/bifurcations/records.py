@@ -9,7 +9,7 @@ import numpy as np
 
 from rattle.continuation.arclength import root_between
 from rattle.continuation.conditions import Kind
-from rattle.continuation.followed import Followed
+from rattle.continuation.followed import FollowedBranch
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
@@ -68,8 +68,8 @@ def unknowns_of(orbit: StiffOrbit) -> Array:
 
 
 @dataclass(frozen=True, repr=False)
-class StiffBranch(Followed):
-    """A branch of the stiff gear: see `Followed`.
+class StiffBranch(FollowedBranch):
+    """A branch of the stiff gear: see `FollowedBranch`.
 
     All its motions happen. A saddle-node is one of its points, which counts as stable if the motion is so on one side.
 

@@ -54,7 +54,7 @@ class Member(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Family:
+class StiffFamily:
     """Points (k, 2c + 1) of a family in their order, the folds in ε among them; letters of the stretches between."""
 
     cycle: Cycle
@@ -113,7 +113,7 @@ def span_of(delta: float, epsilon: float) -> float:
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
-def through(y: Array, cycle: Cycle, span: float) -> Family:
+def through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
     """Return the family through a solution, both ways to its ends."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
@@ -126,7 +126,7 @@ def through(y: Array, cycle: Cycle, span: float) -> Family:
     folds, all_located = folds_of(points, cycle, before)
     ends = (back, on) if all_located else (BROKEN, BROKEN)
     before = before[: len(folds)]
-    return Family(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
+    return StiffFamily(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
 
 
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
@@ -169,7 +169,7 @@ def _at_sn1(cycle: Cycle) -> Array | None:
     return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
-def without_minus(cycle: Cycle, span: float) -> list[Family]:
+def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
     """Return the family of A and C, if there is one."""
     guess = _at_sn1(cycle)
     if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
@@ -184,12 +184,12 @@ def without_minus(cycle: Cycle, span: float) -> list[Family]:
     return [replace(family, letters=tuple(letters))]
 
 
-def slow(cycle: Cycle, span: float) -> list[Family]:
+def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
     """Return the families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
-    known, found = without_minus(cycle, span), list[Family]()
+    known, found = without_minus(cycle, span), list[StiffFamily]()
     for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
         if not (is_admissible(guess, cycle) and edge(guess, cycle, span)[0] < 0):
             continue
@@ -200,9 +200,9 @@ def slow(cycle: Cycle, span: float) -> list[Family]:
     return found
 
 
-def with_minus(cycle: Cycle, span: float, plus: Sequence[Family]) -> list[Family]:
+def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
     """Return the families of P(1,1,1); plus: those of P(1,1,0)."""
-    found: list[Family] = []
+    found: list[StiffFamily] = []
     for guess, constraint in _starts(cycle, plus):
         y = guess.copy()
         if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held(y, found):
@@ -210,7 +210,7 @@ def with_minus(cycle: Cycle, span: float, plus: Sequence[Family]) -> list[Family
     return [replace(family, letters=_letters(family, plus)) for family in found]
 
 
-def _starts(cycle: Cycle, plus: Sequence[Family]) -> Iterator[tuple[Array, Array]]:
+def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
     """Guesses of P(1,1,1), and the row of Newton's equations that says what they are to keep."""
     p = softness(cycle.kappa)
     for family in plus:
@@ -224,7 +224,7 @@ def _starts(cycle: Cycle, plus: Sequence[Family]) -> Iterator[tuple[Array, Array
         yield y, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def grazes(family: Family) -> list[Array]:
+def grazes(family: StiffFamily) -> list[Array]:
     """P(1,1,1) with a slight contact with Σ⁻, near where the flights of a family of P(1,1,0) begin to meet it."""
     cycle, found = family.cycle, []
     meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
@@ -239,7 +239,7 @@ def grazes(family: Family) -> list[Array]:
     return found
 
 
-def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
+def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
     Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter the stretch shares; but a C that never
@@ -262,7 +262,7 @@ def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
+def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
     """Return the letter of the P(1,1,0) that a family of P(1,1,1) becomes where its contact with Σ⁻ is lost."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
@@ -274,13 +274,13 @@ def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
     return ""
 
 
-def held(y: Array, families: Sequence[Family]) -> bool:
+def held(y: Array, families: Sequence[StiffFamily]) -> bool:
     """Return whether a solution is on one of these families."""
     return any(place(family.points, y, family.cycle) >= 0 for family in families)
 
 
 @lru_cache(maxsize=256)
-def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Family, ...]:
+def families(delta: float, beta: float, kappa: float, span: float) -> tuple[StiffFamily, ...]:
     """Return the families that hold the counterparts of A–D, with ε up to a span.
 
     Returns

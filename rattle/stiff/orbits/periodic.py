@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, Follower, Path, Problem, longest_step, tangent_at
+from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, longest_step, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
@@ -138,7 +138,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
         return limit.residual_at(np.concatenate([y[..., :n], parameters], axis=-1), y[..., n:])
 
     start = np.concatenate([orbit.times, np.full(orbit.times.size, np.pi), [0.0]])
-    path = follow_from_limit(Problem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
+    path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         raise RattleError(
@@ -152,7 +152,11 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
 
 
 def follow_from_limit(
-    problem: Problem, start: Array, direction: Array, span: tuple[float, float], is_admissible: Callable[[Array], bool]
+    problem: ContinuationProblem,
+    start: Array,
+    direction: Array,
+    span: tuple[float, float],
+    is_admissible: Callable[[Array], bool],
 ) -> Path:
     """Solutions y (N + 1,) from the start on, the last unknown within its span, while they happen."""
     follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST))

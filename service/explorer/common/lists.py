@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
 
 
-class SurveyList(JSComponent):
+class SurveyMenu(JSComponent):
     """The surveys; `chosen` is the id of one of them.
 
     `on_action` is called with what is to be done to which, and with what a viewer has entered.

@@ -33,7 +33,7 @@ def dress(plot: figure) -> None:
         span.js_on_change("end", naming)
 
 
-class InSI:
+class AxesInSI:
     """Axes above the map and on its right, of speed and of eccentricity; hidden without a machine."""
 
     def __init__(self, plot: figure) -> None:

@@ -17,7 +17,7 @@ DIGITS = 12  # of a number that was converted and back
 EXACT = "0[.][0000000000000000]"
 
 
-class Entry(NamedTuple):
+class NumberEntry(NamedTuple):
     """How a number of a machine is entered.
 
     What it is, its unit, how many of it the SI unit is, what is there at first.
@@ -43,13 +43,13 @@ class Entry(NamedTuple):
 
 
 NUMBERS = {
-    "inertia": Entry("Inertia", "kg m²", 1.0, 0.003),
-    "drag": Entry("Drag", "N m s/rad", 1.0, 5e-4),
-    "backlash": Entry("Backlash", "µm", 1e6, 100.0),
-    "radius": Entry("Base radius", "mm", 1e3, 50.0),
-    "rpm": Entry("Speed", "rpm", 1.0, 3000.0),
-    "eccentricity": Entry("Eccentricity", "µm", 1e6, 15.0),
-    "stiffness": Entry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
+    "inertia": NumberEntry("Inertia", "kg m²", 1.0, 0.003),
+    "drag": NumberEntry("Drag", "N m s/rad", 1.0, 5e-4),
+    "backlash": NumberEntry("Backlash", "µm", 1e6, 100.0),
+    "radius": NumberEntry("Base radius", "mm", 1e3, 50.0),
+    "rpm": NumberEntry("Speed", "rpm", 1.0, 3000.0),
+    "eccentricity": NumberEntry("Eccentricity", "µm", 1e6, 15.0),
+    "stiffness": NumberEntry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
 }
 EQUAL = "<p class=faint>Two equal gears: each of them has this inertia, drag and base radius.</p>"
 PAIR = ("inertia", "drag", "backlash", "radius")  # of every machine of a survey

@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.common.address import Entered
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.design.fields import EXACT, POINT, MachineFields
-from gear_rattle.service.explorer.design.places import Place, places
+from gear_rattle.service.explorer.design.places import Bookmark, places
 from rattle import RattleError
 
 
@@ -28,7 +28,7 @@ class GoTo:
         sheet: str,
         on_point: Callable[[float, float], None],
         on_machine: Callable[[Entered], None],
-        on_place: Callable[[Place], str],
+        on_place: Callable[[Bookmark], str],
     ) -> None:
         self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
         options = {"choose one …": ""} | places()

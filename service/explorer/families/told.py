@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.words import number, percent
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, reading
@@ -43,7 +43,7 @@ class Extent:
 
 
 @dataclass(frozen=True)
-class Family:
+class FamilyDescription:
     """Description of one family. of_plane, of_samples.
 
     Shares of the cells, and of the samples of all cells. borders: pairs of neighbouring cells of which one has it, by
@@ -98,7 +98,7 @@ def listed(found: Stored) -> list[str]:
         return names_of(*found, MOST_LISTED)
 
 
-def family_of(found: Stored, plane: Plane, which: int) -> Family:
+def family_of(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
     """Return the description of an existing family; plane: the map of its share. Blocks: for a thread."""
     with reading("the families"):
         names = names_of(*found, which + 1)
@@ -109,7 +109,7 @@ def family_of(found: Stored, plane: Plane, which: int) -> Family:
     share, status = plane.whole()
     done = (status > 0) & (status != FAILED)
     extents = (_extent(share > 0, plane, "delta"), _extent(share > 0, plane, "epsilon"))
-    return Family(
+    return FamilyDescription(
         names[which],
         row,
         row["cells"] / max(int((status > 0).sum()), 1),
@@ -139,7 +139,7 @@ def longest(there: np.ndarray) -> tuple[int, int, int]:
     return best
 
 
-def _extent(there: np.ndarray, plane: Plane, direction: str) -> Extent | None:
+def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
     along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
     line, first, end = longest(there if direction == "delta" else there.T)
     if end == first:
@@ -154,7 +154,7 @@ def _extent(there: np.ndarray, plane: Plane, direction: str) -> Extent | None:
     )
 
 
-def in_words(found: Family, model: Model) -> str:
+def in_words(found: FamilyDescription, model: Model) -> str:
     """HTML of what is known of a family."""
     row = found.row
     if not row["cells"]:
@@ -174,7 +174,7 @@ def in_words(found: Family, model: Model) -> str:
     return f"<p>{' '.join(said)}</p>"
 
 
-def _borders(found: Family, model: Model) -> list[str]:
+def _borders(found: FamilyDescription, model: Model) -> list[str]:
     """Return the borders at which it is born, and at which it ends."""
     edges = int(found.row["edges"])
     if not edges:

@@ -19,14 +19,14 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.families.told import (
     Extent,
-    Family,
+    FamilyDescription,
     family_of,
     in_words,
     listed,
     require_family,
     stored,
 )
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.workers import Group, SurveyError, SurveyRequest
@@ -38,7 +38,7 @@ NO_NUMBERS = "The families of this survey are known when it is computed."
 ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
-class Known(NamedTuple):
+class FamilyMaps(NamedTuple):
     """Families read from a survey, whatever its window.
 
     Names of its families, and of the one that is chosen all that is told, with its share in every cell; why: there is
@@ -46,12 +46,12 @@ class Known(NamedTuple):
     """
 
     names: list[str]
-    family: Family | None = None
-    plane: Plane | None = None
+    family: FamilyDescription | None = None
+    plane: MapPlane | None = None
     why: str = ""
 
 
-class Families:
+class FamiliesView:
     """`which` chooses one, of a survey that has families, and `panel` tells of it; `first` gives the map."""
 
     def __init__(self, shared: Shared, viewer: Viewer, sheet: str, first: Callable[[], MapView]) -> None:
@@ -71,7 +71,7 @@ class Families:
         self._extents: dict[str, Extent] = {}
         self._drawings = Drawings(viewer)
         self._of: tuple[str, int, int | None] = ("", 0, None)  # survey, slice, family
-        self._known: tuple[tuple[Any, ...], Known] | None = None
+        self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
 
     def follow(self, view: View, job: JobRow | None) -> None:
         """Show what belongs to this view; job: of its survey, None without any."""
@@ -101,7 +101,7 @@ class Families:
         key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
-        def read() -> tuple[Known, Block | None]:
+        def read() -> tuple[FamilyMaps, MapBlock | None]:
             known = before or self._read(view, job)
             if known.plane is None:
                 return known, None
@@ -116,22 +116,22 @@ class Families:
         self._known = key, known
         return partial(self._show, view.family, known, seen)
 
-    def _read(self, view: View, job: JobRow) -> Known:
+    def _read(self, view: View, job: JobRow) -> FamilyMaps:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
             raise MissingError(NO_NUMBERS)
         found = stored(place, SurveyRequest.model_validate(job.request), view.slice)
         names = listed(found)
         if view.family is None:
-            return Known(names)
+            return FamilyMaps(names)
         try:
             require_family(found, view.family)
         except SurveyError as error:
-            return Known(names, why=str(error))
+            return FamilyMaps(names, why=str(error))
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
-        return Known(names, family_of(found, plane, view.family), plane)
+        return FamilyMaps(names, family_of(found, plane, view.family), plane)
 
-    def _show(self, number: int | None, known: Known, seen: Block | None) -> None:
+    def _show(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
         self.panel.visible = True
         if known.family is None or seen is None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from gear_rattle.service.explorer.map.planes import Plane, cells_at
+from gear_rattle.service.explorer.map.planes import MapPlane, cells_at
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.look import LARGEST
@@ -29,7 +29,7 @@ def require_small(request: SurveyRequest) -> None:
         )
 
 
-class Difference(Plane):
+class Difference(MapPlane):
     """Difference of two maps, float32; of codes, whether they differ.
 
     NaN where either has no value, status 0 where either is not computed or the other one does not reach.
@@ -37,7 +37,7 @@ class Difference(Plane):
     `is_same_grid` says that both have the same cells; else each is compared with that of the other which it is in.
     """
 
-    def __init__(self, first: Plane, other: Plane) -> None:
+    def __init__(self, first: MapPlane, other: MapPlane) -> None:
         """Blocks: for a thread. `require_small` is for before they are read. Raises SurveyError: they have families."""
         if first.plane.name == LARGEST:
             raise SurveyError("The families of two surveys have numbers of their own: choose another map.")

@@ -11,7 +11,7 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import MOST_FURTHER, Further, Pair, View
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.further.one import Around, FurtherMap, Uses
+from gear_rattle.service.explorer.further.one import Around, FurtherCallbacks, FurtherMap
 from gear_rattle.service.explorer.further.surveys import surveys_of
 from gear_rattle.service.explorer.map.planes import names_of
 from gear_rattle.service.explorer.map.shared import Shared
@@ -57,7 +57,7 @@ class FurtherMaps:
     def _made(self, i: int, place: pn.Column) -> FurtherMap:
         if i not in self._maps:
             first = self._first()
-            uses = Uses(first.open_point, first.through, first.point_at, first.moved, first.reset)
+            uses = FurtherCallbacks(first.open_point, first.through, first.point_at, first.moved, first.reset)
             change = partial(self._change, i)
             self._maps[i] = FurtherMap(
                 self._shared, self._viewer, self._theme, self._sheet, first.map, i + 2, uses, change

@@ -22,13 +22,13 @@ from gear_rattle.service.explorer.further.difference import Difference, require_
 from gear_rattle.service.explorer.further.surveys import request_of
 from gear_rattle.service.explorer.map.closer import Closer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
-from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, pieces_of, points_in
 from gear_rattle.service.explorer.map.picture import AsSeen, links, picture_query
-from gear_rattle.service.explorer.map.planes import Block, Plane, names_of
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, names_of
 from gear_rattle.service.explorer.map.readout import in_words
 from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import POINTS
 from rattle import RattleError
@@ -51,7 +51,7 @@ class Around:
 
 
 @dataclass(frozen=True)
-class Uses:
+class FurtherCallbacks:
     """Reactions of the first map when a comparison map is used."""
 
     point: Callable[[float, float], None]
@@ -70,13 +70,13 @@ class FurtherMap:
         viewer: Viewer,
         theme: str,
         sheet: str,
-        first: Map,
+        first: MapFigure,
         number: int,
-        uses: Uses,
+        uses: FurtherCallbacks,
         change: Callable[[Further | None], None],
     ) -> None:
         self._shared, self._viewer, self._change = shared, viewer, change
-        self.map = Map(
+        self.map = MapFigure(
             theme, uses.point, uses.through, uses.pointer, uses.window, uses.reset, first, f"further{number}"
         )
         self._closer = Closer(shared.overlaid.windows, viewer, self.map, self._say, self._count)
@@ -99,7 +99,7 @@ class FurtherMap:
             choices, self._title.pane, plot, self._key.pane, self._links.pane, self._said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._plane: Plane | None = None
+        self._plane: MapPlane | None = None
         self._further: Further | None = None  # what it is of
         self._around: Around | None = None
         self._drawings = Drawings(viewer)
@@ -167,13 +167,13 @@ class FurtherMap:
         self._change(Further(survey, chosen.variable, chosen.index, int(number), bool(self._minus.value)))
 
     async def _draw(self, further: Further, view: View, job: JobRow, first: JobRow | None = None) -> Show:
-        def read() -> tuple[Plane, Block, Colouring]:
+        def read() -> tuple[MapPlane, MapBlock, Colouring]:
             if first is not None:
                 for each in (first, job):
                     require_small(request_of(each))
                 wanted = view.variable, view.index
                 other = self._shared.plane(job, *wanted, further.slice)
-                plane: Plane = Difference(self._shared.plane(first, *wanted, view.slice), other)
+                plane: MapPlane = Difference(self._shared.plane(first, *wanted, view.slice), other)
             else:
                 plane = self._shared.plane(job, further.variable, further.index, further.slice)
             block = plane.block(room=self.map.pixels)
@@ -212,7 +212,7 @@ class FurtherMap:
         self._title.instead(why)
         self._key.html = self._said.html = self._links.html = ""
 
-    def _follow_window(self, plane: Plane) -> None:
+    def _follow_window(self, plane: MapPlane) -> None:
         assert self._further is not None
         assert self._around is not None
         view, window, model = self._around.view, self._around.window, plane.request.gear_model
@@ -231,7 +231,7 @@ class FurtherMap:
             self._stop(self._over)
             self._over = self._viewer.start(self._draw_lines(plane, view.overlays, window))
 
-    def _pictures(self, plane: Plane, first: View) -> str:
+    def _pictures(self, plane: MapPlane, first: View) -> str:
         """Links to this map as a picture, in HTML; a difference has none."""
         further, colours = self._further, self._colours
         if further is None or colours is None or self._around is None or isinstance(plane, Difference):
@@ -245,10 +245,10 @@ class FurtherMap:
         query = picture_query(request, shown, seen)
         return f"<p class=faint>Picture: {links(further.survey, further.variable, query)}</p>"
 
-    async def _draw_lines(self, plane: Plane, names: tuple[str, ...], window: Ranges) -> None:
+    async def _draw_lines(self, plane: MapPlane, names: tuple[str, ...], window: Ranges) -> None:
         """Draw the lines of the first map, as they are of this one's gear."""
         model = plane.request.gear_model
-        await self._shared.front.kernels.require(model.name, Part.CURVES, patience=float("inf"))
+        await self._shared.front.kernels.require(model.name, KernelPurpose.CURVES, patience=float("inf"))
         for name in names:
             if name in model.curve_names and name not in WHOLE:
                 pieces, _ = await self._viewer.read(partial(pieces_of, name, model, *window))
@@ -267,7 +267,7 @@ class FurtherMap:
         if self._plane is not None and self._window is not None:
             self._reading = self._viewer.start(self._read(self._plane, at, self._window))
 
-    async def _read(self, plane: Plane, at: Pair, window: Ranges) -> None:
+    async def _read(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
         said = await self._viewer.read(lambda: in_words(plane, *at, window, self._closer.finer))
 
         def show() -> None:
@@ -296,7 +296,7 @@ class FurtherMap:
         self._viewer.change(show)
 
 
-def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
+def _titled(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
     if not isinstance(plane, Difference) or first is None:  # the choices above tell the rest
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"

@@ -22,7 +22,7 @@ NUMBERED = "Attractor no."
 
 
 @dataclass(frozen=True)
-class Uses:
+class ControlCallbacks:
     """Functions called when a viewer has used a control."""
 
     variable: Callable[[], None]
@@ -36,7 +36,7 @@ class Uses:
 class Controls:
     """The widgets. To set them calls nobody."""
 
-    def __init__(self, sheet: str, log: bool, uses: Uses) -> None:
+    def __init__(self, sheet: str, log: bool, uses: ControlCallbacks) -> None:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)

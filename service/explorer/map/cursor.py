@@ -14,7 +14,7 @@ from bokeh.plotting import figure
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.state import point_of
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
@@ -68,7 +68,7 @@ class Cursor:
         self,
         document: Document,
         plot: figure,
-        where: Callable[[], tuple[Plane, Ranges, Pair | None] | None],
+        where: Callable[[], tuple[MapPlane, Ranges, Pair | None] | None],
         look: Callable[[Pair], None],
         go: Callable[[Ranges], None],
         do: Mapping[str, Callable[[Pair], None]],
@@ -118,7 +118,7 @@ def middle(window: Ranges) -> Pair:
     return (left + right) / 2, (bottom + top) / 2
 
 
-def stepped(plane: Plane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
+def stepped(plane: MapPlane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
     """Return the cursor after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
     return (
         _along(plane.delta, at[0], window[0], steps[0], steps[2]),

@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.theme import INK
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
-from gear_rattle.service.explorer.map.planes import UNSEEN, Block
+from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
@@ -35,7 +35,7 @@ BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
 
-class Map:
+class MapFigure:
     """The figure.
 
     `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε), `on_window` a window
@@ -50,7 +50,7 @@ class Map:
         on_pointer: Callable[[float, float], None],
         on_window: Callable[[Pair, Pair], None],
         on_reset: Callable[[], None],
-        beside: Map | None = None,
+        beside: MapFigure | None = None,
         name: str = "map",
     ) -> None:
         spans = (beside.figure.x_range, beside.figure.y_range) if beside else _spans()
@@ -69,7 +69,7 @@ class Map:
         self.figure: Any = plot
         plot.name = name
         axes.dress(plot)
-        self._in_si = axes.InSI(plot)
+        self._in_si = axes.AxesInSI(plot)
         self._dress(theme)
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
         self._others = glyphs.source_of(glyphs.IMAGE)
@@ -197,7 +197,7 @@ class Map:
         except UnsetValueError:
             return UNSEEN
 
-    def cells(self, block: Block, colours: Colouring) -> None:
+    def cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey."""
         self._box, where = block.box, image_at(block.box)
         self._colour(colours)

@@ -18,8 +18,8 @@ from gear_rattle.service.explorer.common.lists import Key
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch
 from gear_rattle.service.explorer.map.colouring import Shade
-from gear_rattle.service.explorer.map.figure import Map
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.explorer.map.figure import MapFigure
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
@@ -39,7 +39,7 @@ LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–
 WHOLE = frozenset({CRISIS, LIMIT})  # lines that no window changes
 
 
-class Lines:
+class MapLines:
     """The lines that may be drawn on a map.
 
     `on_chosen` is called when the viewer switches some on or off, or asks for another design limit.
@@ -49,7 +49,7 @@ class Lines:
         self,
         overlaid: Overlaid,
         viewer: Viewer,
-        canvas: Map,
+        canvas: MapFigure,
         chosen: Sequence[str],
         share: float,
         on_chosen: Callable[[], None],
@@ -122,7 +122,7 @@ class Lines:
         self._map.no_lines()
 
     async def _line(self, name: str, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+        await self._viewer.front.kernels.require(model.name, KernelPurpose.CURVES, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: points_in(model, window))
             self._viewer.change(lambda: self._map.points(points))

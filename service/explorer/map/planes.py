@@ -19,7 +19,7 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
+from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
 from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
 from gear_rattle.workers.storage.store import has_added
@@ -40,11 +40,11 @@ UNSEEN: Room = (700, 550)  # of a map whose browser has not said it
 
 
 @dataclass(frozen=True)
-class Block:
+class MapBlock:
     """The cells of a map that are drawn: values float32 and status (epsilon, delta), and what they cover.
 
     Of more cells than there is room for, several are one, which shows what is rare among them. shares, without: of
-    `gear_rattle.workers.pictures.levels.Seen`.
+    `gear_rattle.workers.pictures.levels.DisplayedCells`.
     """
 
     delta: np.ndarray
@@ -61,7 +61,7 @@ class Block:
         return None if j is None or i is None else float(self.values[i, j])
 
 
-class Plane:
+class MapPlane:
     """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
     is_kept = True  # in memory, all cells
@@ -125,7 +125,7 @@ class Plane:
         """Return whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
-    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> Block:
+    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> MapBlock:
         """Return the cells in a window, or all, as they are drawn with so many pixels along (delta, epsilon).
 
         Parameters
@@ -147,18 +147,20 @@ class Plane:
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
         box = _covered(self.delta, across, columns), _covered(self.epsilon, along, rows)
-        return Block(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
+        return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
-    def _seen(self, part: Part) -> Seen:
+    def _seen(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return Seen(*self._cells(*part.at))
+            return DisplayedCells(*self._cells(*part.at))
         return of_cells(self.plane, *self._cells(*_cells_of(part)), part.level)
 
-    def _largest(self, part: Part) -> Seen:
+    def _largest(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return Seen(*self._cells(*part.at))
+            return DisplayedCells(*self._cells(*part.at))
         values, status = self._cells(*_cells_of(part))
-        return Seen(pooled(values, part.level.cells, np.fmax, np.nan), pooled(status, part.level.cells, np.maximum))
+        return DisplayedCells(
+            pooled(values, part.level.cells, np.fmax, np.nan), pooled(status, part.level.cells, np.maximum)
+        )
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         """Values and status of some cells."""
@@ -168,7 +170,7 @@ class Plane:
         """Values and status of all cells. Blocks: for a thread."""
         return self._cells(slice(None), slice(None))
 
-    def enlarged(self, window: Ranges) -> Block:
+    def enlarged(self, window: Ranges) -> MapBlock:
         """Return a window that is far narrower than the survey, each point of it as the cell that it is in."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
@@ -182,7 +184,7 @@ class Plane:
             i, j = i[i >= 0], j[j >= 0]
             found = self._cells(slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1))
             values[inside], status[inside] = (each[np.ix_(i - i[0], j - j[0])] for each in found)
-        return Block(delta, epsilon, values, status, window)
+        return MapBlock(delta, epsilon, values, status, window)
 
     def at(self, delta: float, epsilon: float) -> tuple[float, int] | None:
         """Value and status of the cell at a point; None outside of the survey."""
@@ -205,7 +207,7 @@ class Plane:
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
 
-class LeveledPlane(Plane):
+class LeveledPlane(MapPlane):
     """A map of a survey that has ended and has levels: what is drawn is read when it is drawn."""
 
     is_kept = False
@@ -219,7 +221,7 @@ class LeveledPlane(Plane):
         """Nothing is new."""
         return True
 
-    def _seen(self, part: Part) -> Seen:
+    def _seen(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return super()._seen(part)
         return of_level(self.plane, self._level(part.level.path), self._index, part.level, part.at)
@@ -236,7 +238,7 @@ class LeveledPlane(Plane):
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
-def _cells_of(part: Part) -> tuple[slice, slice]:
+def _cells_of(part: LevelPart) -> tuple[slice, slice]:
     """Rows and columns of the survey's cells in a part of a level."""
     spans = zip(part.at, part.level.cells if part.level else (1, 1), strict=True)
     rows, columns = (slice(span.start * cells, span.stop * cells) for span, cells in spans)
@@ -298,9 +300,9 @@ class Atlas:
     def __init__(self, front: Front) -> None:
         self._front = front
         self._lock = threading.Lock()
-        self._planes: OrderedDict[Key, Plane] = OrderedDict()
+        self._planes: OrderedDict[Key, MapPlane] = OrderedDict()
 
-    def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[Plane, bool]:
+    def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[MapPlane, bool]:
         """Return a map, of a third axis the one of this slice, and whether all that is there of it has been read.
 
         If not, ask again. One of slots is read anew when the survey has ended: they may have been moved.
@@ -330,13 +332,13 @@ class Atlas:
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
 
-    def _new(self, job: JobRow, variable: str) -> type[Plane]:
+    def _new(self, job: JobRow, variable: str) -> type[MapPlane]:
         """How a map of a survey is read."""
         if variable in (LARGEST, SHARE):  # which levels have not
-            return Plane
+            return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
-        return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else Plane
+        return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else MapPlane
 
     @property
     def _cells(self) -> int:

@@ -13,7 +13,7 @@ import rattle
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.design.axes import written
 from gear_rattle.service.explorer.design.fields import NUMBERS, in_unit
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers import QUANTITIES
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
 from gear_rattle.workers.survey.families import FAMILY
@@ -78,7 +78,7 @@ def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> 
     return f"<p class=faint>Outside of this window: {away[0]:+.2g} in δ and {away[1]:+.2g} in ε from here.</p>"
 
 
-def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float) -> Row | None:
+def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:
     """Return the value of a finer map at a point: the map in words, and the value."""
     value = finer.at(delta, epsilon) if finer is not None else None
     if value is None:
@@ -87,7 +87,7 @@ def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float)
     return f"{title_of(plane.plane)}, computed here", here
 
 
-def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges, finer: Block | None = None) -> str:
+def in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
     """Return a cell's place and its value on the map: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
     if (here := finer_value(plane, finer, delta, epsilon)) is not None:

@@ -17,8 +17,8 @@ from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, 
 from gear_rattle.service.explorer.common.news import LISTED, News
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import usual_lines
-from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, maps_of, window_of
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of, window_of
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.overlaid import Overlaid
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
@@ -68,10 +68,12 @@ class WithoutSurvey(Protocol):
 
     request: SurveyRequest
 
-    def plane(self, variable: str, index: int) -> Plane:
+    def plane(self, variable: str, index: int) -> MapPlane:
         """Return a map of it. Blocks: for a thread."""
 
-    def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
+    def beforehand(
+        self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
+    ) -> MapPlane:
         """Return a map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
@@ -83,14 +85,14 @@ def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
 
 
 @lru_cache(maxsize=KEPT)
-def drawn(plane: ReferenceType[Plane], limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
+def drawn(plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
     """Return the drawn cells of a map that stays as it is, by reference: the atlas alone keeps maps."""
     there = plane()
     assert there is not None  # whoever asks has it
     return _drawn(there, limits, log, room)
 
 
-def _drawn(plane: Plane, limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
+def _drawn(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
     block = plane.block(room=room)
     return block, colouring(plane, block, limits, log, room)
 
@@ -110,7 +112,7 @@ class Shared:
         """Find what a page will show that asks for nothing: the first would wait for all that is loaded on the way."""
         try:
             model, window = await run_in_threadpool(self._first)
-            await self.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+            await self.front.kernels.require(model.name, KernelPurpose.CURVES, patience=math.inf)
             await run_in_threadpool(usual_lines, model, window)
         except (RattleError, ValueError, OSError) as error:  # whoever opens the page is told
             log.info("the first map cannot be drawn beforehand: %s", error)
@@ -128,7 +130,7 @@ class Shared:
         request = whole.at(whole.along(0))
         return request.gear_model, window_of(request)
 
-    def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
+    def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
         """Return the map of a survey, whether that is all there is by now, and what is drawn of it.
 
         Blocks: for a thread.
@@ -149,7 +151,7 @@ class Shared:
             return plane, is_whole, *_drawn(plane, *how)
         return plane, True, *drawn(ref(plane), *how)
 
-    def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
+    def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
         """Return a map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
@@ -158,7 +160,7 @@ class Shared:
             plane, is_whole = self.atlas.plane(job, variable, index, number)
         return plane
 
-    def exact_map(self, view: View) -> tuple[Plane, Block, Colouring]:
+    def exact_map(self, view: View) -> tuple[MapPlane, MapBlock, Colouring]:
         """Return the map without any survey, and what is drawn of it. Blocks: for a thread."""
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()

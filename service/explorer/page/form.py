@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import RefineFields, SampleFields
-from gear_rattle.service.operations.estimate import Estimate, estimate
+from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.operations.surveys import submit_survey
 from gear_rattle.service.web.problems import field_errors_of
@@ -249,7 +249,7 @@ def what_is_wrong(error: Exception) -> str:
     return str(error)
 
 
-def in_words(found: Estimate) -> str:
+def in_words(found: CostEstimate) -> str:
     """Return a cost, and what it rests on."""
     about = "at most about" if found.is_most else "about"
     return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gear_rattle.service.explorer.common.address import View
-from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from gear_rattle.service.explorer.map.picture import AsSeen, picture_query, thirds
 from gear_rattle.workers import SurveyRequest
@@ -16,7 +16,7 @@ from rattle.models import ADDED
 STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 
 
-def row_of(standing: Standing, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
+def row_of(standing: JobStatus, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
     """Return a survey as the list shows it in this view; seen: of the map that is drawn."""
     job = standing.job
     state, message = job.shown

@@ -25,7 +25,7 @@ COMPUTED = "computing …"
 RATTLING = ("periodic", "chaotic")
 
 
-class Known(NamedTuple):
+class PinResults(NamedTuple):
     """Results of a pinned point: the number of its region, its quiet limit, its attractors."""
 
     region: int
@@ -33,16 +33,16 @@ class Known(NamedTuple):
     chances: Chances
 
 
-def known(pin: Pin, count: int) -> Known:
+def known(pin: Pin, count: int) -> PinResults:
     """Compute the results of a point from so many initial conditions: for a process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = chances(gear, count)
     if not model_at(gear).in_closed_form:
         found = lettered(found, gear.orbits())
-    return Known(gear.region(), gear.quiet_limit, found)
+    return PinResults(gear.region(), gear.quiet_limit, found)
 
 
-def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[str]]:
+def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[list[str]]:
     """Return the lines of the table, each with its head and a cell for each pin.
 
     An unknown value is being computed, or says why it cannot be.
@@ -64,26 +64,26 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[
             lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
     of_pins = [told.get(each, COMPUTED) for each in pins]
     lines.append(["Region", *(each if isinstance(each, str) else in_words(each.region) for each in of_pins)])
-    all_known = [each if isinstance(each, Known) else None for each in of_pins]
+    all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
     lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
     names = dict.fromkeys(name for each in all_known if each for name, _ in _motions(each))
     return lines + [[name, *(_cell(each, name) for each in all_known)] for name in names]
 
 
-def _motions(known: Known) -> list[tuple[str, rattle.Attractor]]:
+def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
     """Return the attractors by their names, with the letter of those that are one of A to D."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
     return [(f"{name_of(each)} = {letter}" if letter else name_of(each), each) for each, letter in pairs]
 
 
-def _largest_exponent(known: Known) -> str:
+def _largest_exponent(known: PinResults) -> str:
     """Return the largest exponent of the motions that rattle."""
     rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
     return number(max(rattling, default=math.nan))
 
 
-def _cell(known: Known | None, name: str) -> str:
+def _cell(known: PinResults | None, name: str) -> str:
     """How likely the attractors of a name are at a point, and their largest exponents."""
     if known is None:
         return ""
@@ -96,7 +96,7 @@ def _share(each: rattle.Attractor) -> str:
     return f"{percent(each.fraction)} ({percent(low)}–{percent(high)}){exponent}"
 
 
-def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
+def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
     """Return a line for each attractor of each pin that is known.
 
     Numbers as they are, to be read back to the same bits.
@@ -110,7 +110,7 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
     for pin in pins:
-        if not isinstance(found := told.get(pin), Known):
+        if not isinstance(found := told.get(pin), PinResults):
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
         here = *pin[:3], *added, in_words(found.region), found.quiet_limit

@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.pins.table import Known, csv_of, known, lines_of
+from gear_rattle.service.explorer.pins.table import PinResults, csv_of, known, lines_of
 from gear_rattle.service.explorer.point.work import Work
 from rattle import RattleError
 
@@ -63,7 +63,7 @@ class Pins:
         self, viewer: Viewer, pins: tuple[Pin, ...], remember: Callable[[], None], go: Callable[[Pin], None]
     ) -> None:
         self._viewer, self.pins, self._remember, self._go = viewer, pins, remember, go
-        self._told: dict[Pin, Known | str] = {}
+        self._told: dict[Pin, PinResults | str] = {}
         self._work: dict[Pin, Work] = {}
         self._open: Pin | None = None
         self.table = PinTable(self._act, margin=0, sizing_mode="stretch_width")
@@ -118,7 +118,7 @@ class Pins:
 
     async def _tell(self, pin: Pin, work: Work) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
-        told: Known | str
+        told: PinResults | str
         try:
             told = await work.compute(known, pin, count, what="The attractors of a pinned point", slow=True)
         except RattleError as error:

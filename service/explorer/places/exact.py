@@ -17,7 +17,7 @@ import xarray as xr
 
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.map.planes import SIDE, Plane
+from gear_rattle.service.explorer.map.planes import SIDE, MapPlane
 from gear_rattle.workers import Axis, SurveyRequest
 from gear_rattle.workers.pictures.planes import numbers, plane_of
 from gear_rattle.workers.survey.levels.grid import halvings
@@ -37,7 +37,7 @@ ASKED = SurveyRequest(
 KEPT = 8  # maps of surveys that are not done
 
 
-class ExactPlane(Plane):
+class ExactPlane(MapPlane):
     """One map of these. What is read at a point is computed there. Blocks: for a thread."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
@@ -59,7 +59,7 @@ class Beforehand(ExactPlane):
     """One map of a survey that is not done, no finer than a screen. A cell that is computed already is read there."""
 
     def __init__(
-        self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], Plane]
+        self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
     ) -> None:
         cells = cells_of(_thinned(request))
         super().__init__(cells, _dataset(cells, {variable}), variable, index)
@@ -92,10 +92,12 @@ class Exact:
     request = ASKED
 
     def __init__(self) -> None:
-        self._beforehand: OrderedDict[tuple[str, str, int, int], Plane] = OrderedDict()
+        self._beforehand: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
         self._lock = Lock()
 
-    def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
+    def beforehand(
+        self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
+    ) -> MapPlane:
         """See `WithoutSurvey`."""
         key = job.id, variable, index, number
         with self._lock:
@@ -108,7 +110,7 @@ class Exact:
                 self._beforehand.popitem(last=False)
             return self._beforehand[key]
 
-    def plane(self, variable: str, index: int) -> Plane:
+    def plane(self, variable: str, index: int) -> MapPlane:
         """See `WithoutSurvey`."""
         return ExactPlane(self._cells, self._found, variable, index)
 

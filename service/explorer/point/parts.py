@@ -37,7 +37,7 @@ class Chances(NamedTuple):
     letters: tuple[str, ...]
 
 
-class PeriodOne(NamedTuple):
+class PeriodOneOrbits(NamedTuple):
     """The number of the region in `rattle.REGIONS`, and the motions A to D that happen."""
 
     region: int
@@ -71,7 +71,7 @@ class PlaneLine(NamedTuple):
     points: Array
 
 
-class Lines(NamedTuple):
+class SpectrumLines(NamedTuple):
     """Γ and the manifolds of the saddles A and B, and a sentence for each that is missing."""
 
     lines: tuple[PlaneLine, ...]
@@ -138,9 +138,9 @@ def chances(gear: AnyGear, count: int) -> Chances:
     return Chances(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
 
 
-def period_one(gear: AnyGear) -> PeriodOne:
+def period_one(gear: AnyGear) -> PeriodOneOrbits:
     """Return the period-one motions and their region: at once where they are closed forms, else by continuation."""
-    return PeriodOne(gear.region(), gear.orbits())
+    return PeriodOneOrbits(gear.region(), gear.orbits())
 
 
 def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
@@ -177,7 +177,7 @@ def margin(gear: Any) -> Margin:
     return Margin(v, tau, undecided, leads_to, highest_speed(gear.delta, gear.epsilon, gear.beta))
 
 
-def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
+def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
     """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
     from rattle.plot import gamma_line, manifold_line
 
@@ -193,7 +193,7 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
         found.append(PlaneLine(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
         if why:
             missing.append(why)
-    return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
+    return SpectrumLines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
 def diagram(

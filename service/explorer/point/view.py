@@ -15,10 +15,10 @@ from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.explorer.point import basins, loudness, parts, words
 from gear_rattle.service.explorer.point.choices import Choices
 from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.parts import Lines
+from gear_rattle.service.explorer.point.parts import SpectrumLines
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import Capability, Model, lacking
@@ -57,7 +57,7 @@ class PointView(param.Parameterized):
         self._work = Work(front, pn.state.curdoc, model.name)
         self._orbits: tuple[rattle.Orbit, ...] = ()
         self._found: parts.Chances | None = None
-        self._lines: Lines | None = None
+        self._lines: SpectrumLines | None = None
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
         self._is_there = False  # a gear
@@ -107,10 +107,10 @@ class PointView(param.Parameterized):
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"),
         ):  # fmt: skip
             text.html = waiting(what)
-        if not ready(Part.POINT):
+        if not ready(KernelPurpose.POINT):
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
         if self._model.in_closed_form:
-            if ready(Part.ORBITS):
+            if ready(KernelPurpose.ORBITS):
                 self._tell_orbits(parts.period_one(self._gear))
             else:
                 self._work.start(self._work.part(panel.orbits, self._closed_form))
@@ -161,7 +161,7 @@ class PointView(param.Parameterized):
         await self._work.tell(self.panel.loud, said)
 
     async def _closed_form(self) -> None:
-        await self._work.kernels(Part.ORBITS)
+        await self._work.kernels(KernelPurpose.ORBITS)
         await self._work.change(lambda: self._tell_orbits(parts.period_one(self._gear)))
 
     async def _continued(self) -> None:
@@ -176,7 +176,7 @@ class PointView(param.Parameterized):
 
         await self._work.change(show)
 
-    def _tell_orbits(self, found: parts.PeriodOne) -> None:
+    def _tell_orbits(self, found: parts.PeriodOneOrbits) -> None:
         self._orbits = found.orbits
         self.panel.orbits.html = words.orbits_table(found)
 
@@ -217,7 +217,7 @@ class PointView(param.Parameterized):
         self.panel.picture.show_orbits(self._orbits)
         self._show_legend()
 
-    def _show_lines(self, found: Lines) -> None:
+    def _show_lines(self, found: SpectrumLines) -> None:
         self.panel.picture.show_lines(found.lines)
         notes = "".join(f"<li>{escape(each)}</li>" for each in found.missing)
         self.panel.about_lines.html = f'<ul class="faint">{notes}</ul>' if notes else ""

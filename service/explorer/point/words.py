@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOne
+from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOneOrbits
 from rattle import Machine
 from rattle.models import AnyGear, model_at
 from rattle.orbits import in_words
@@ -154,7 +154,7 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> 
     return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def orbits_table(found: PeriodOne) -> str:
+def orbits_table(found: PeriodOneOrbits) -> str:
     """Return the period-one orbits A to D that exist."""
     if not found.orbits:
         return "<p>None of the period-one orbits A to D exists here.</p>"

@@ -16,7 +16,7 @@ import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from rattle import RattleError
@@ -45,7 +45,7 @@ async def _prepare_one(front: Front) -> None:
             front,
             parts.warm_up,
             rattle.Gear(0.6, 0.1),
-            needs=(DEFAULT_MODEL, Part.POINT),
+            needs=(DEFAULT_MODEL, KernelPurpose.POINT),
             what="The kernels",
             advice="",
         )
@@ -87,7 +87,7 @@ class Work:
     def _give_up(self, task: asyncio.Task[None]) -> None:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
-    async def kernels(self, part: Part) -> None:
+    async def kernels(self, part: KernelPurpose) -> None:
         """Wait, as long as it takes, until these kernels are there."""
         await self._front.kernels.require(self._model, part, patience=math.inf)
         self._require()
@@ -104,7 +104,7 @@ class Work:
         Result
             The result.
         """
-        part = Part.ATTRACTORS if compute is parts.chances else Part.POINT
+        part = KernelPurpose.ATTRACTORS if compute is parts.chances else KernelPurpose.POINT
         await self.kernels(part)
         async with self._front.slow_points.one() if slow else nullcontext():
             self._require()

@@ -9,7 +9,7 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.map.colouring import layers_of, values_shown
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
 ROOM = (1024, 1024)  # cells about the line that are read; of more, several are one, as they are drawn
@@ -68,7 +68,7 @@ def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray
     return at, row, column
 
 
-def profile_of(plane: Plane, ends: Ends) -> Profile:
+def profile_of(plane: MapPlane, ends: Ends) -> Profile:
     """Return the profile of a map along a line from one point (δ, ε) to another. Blocks: for a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), ROOM)
@@ -86,7 +86,7 @@ def profile_of(plane: Plane, ends: Ends) -> Profile:
     return Profile(title_of(plane.plane), at, values, names, reasons, _together(plane, block))
 
 
-def _together(plane: Plane, block: Block) -> tuple[int, int]:
+def _together(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
     """How many cells of a survey each cell of a block stands for, along δ and along ε."""
     across, along = (
         round((high - low) / cells.size * (axis.size - 1) / (axis[-1] - axis[0]))

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.picture import PNG
@@ -62,7 +62,7 @@ async def basins(
         resolution,
         (tau_min, tau_max),
         speeds,
-        needs=(model_at(place.gear).name, Part.POINT),
+        needs=(model_at(place.gear).name, KernelPurpose.POINT),
         what="The basins",
         advice="Ask for fewer cells a side (resolution), or at a larger δ: a motion settles in some 1/δ periods.",
     )

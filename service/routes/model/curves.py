@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
@@ -26,7 +26,7 @@ Damping = Annotated[float, Query(gt=0, le=FARTHEST, allow_inf_nan=False)]
 Eccentricity = Annotated[float, Query(ge=0, le=FARTHEST, allow_inf_nan=False)]
 
 
-class Rectangle(BaseModel):
+class RectangleDocument(BaseModel):
     """A window of the plane."""
 
     delta: tuple[float, float]
@@ -77,20 +77,20 @@ class PointDocument(BaseModel):
     tangency: list[Tangency]
 
 
-class _Plain(BaseModel):
+class _PlainCurve(BaseModel):
     beta: float
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainCurve
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainCurve)
 
 
 class Curves(_Numbers):
     """The bifurcation curves inside a window, and all codimension-two points of the model."""
 
-    window: Rectangle
+    window: RectangleDocument
     curves: list[CurveDocument]
     points: list[PointDocument]
 
@@ -124,9 +124,9 @@ async def curves(
         model,
         window["delta"],
         window["epsilon"],
-        needs=(model.name, Part.CURVES),
+        needs=(model.name, KernelPurpose.CURVES),
         what="The curves",
         advice="Ask for a smaller window.",
     )
     numbers: dict[str, Any] = added_document(model.numbers)
-    return Curves(beta=beta, **numbers, window=Rectangle(**window), **found)
+    return Curves(beta=beta, **numbers, window=RectangleDocument(**window), **found)

@@ -115,7 +115,7 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
 PlaceQuery = Annotated[Place, Depends(place_of_query)]
 
 
-class Units(BaseModel):
+class UnitsDocument(BaseModel):
     """Size of one unit of the model; multiply by it. null: beyond double precision."""
 
     length: float | None = Field(description="m, of Φ along the line of action")
@@ -127,22 +127,22 @@ class Units(BaseModel):
     frequency: float | None = Field(description="Hz, of orders")
 
 
-class _Plain(BaseModel):
+class _PlainMachine(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainMachine
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainMachine)
 
 
 class MachineDocument(_Numbers):
     """A machine, two equal gears, as a parameter point, and back."""
 
-    units: Units
+    units: UnitsDocument
     quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
 
 
@@ -165,6 +165,6 @@ async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> Machi
         epsilon=gear.epsilon,
         beta=gear.beta,
         **added_document(found.added),
-        units=Units(**{name: number(value) for name, value in found.units._asdict().items()}),
+        units=UnitsDocument(**{name: number(value) for name, value in found.units._asdict().items()}),
         quiet_limit=quiet_limit,
     )

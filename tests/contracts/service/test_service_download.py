@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.page.form import in_words
 from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_like
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from gear_rattle.workers.storage.store import open_groups
-from gear_rattle.workers.survey.values.schema import Form
+from gear_rattle.workers.survey.values.schema import RowForm
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -116,8 +116,8 @@ def test_a_tidy_table_has_a_row_for_each_attractor_or_orbit(client: TestClient, 
             assert float(row["orbit_multiplier_real_1"]) == one.orbit_multiplier.sel(multiplier=1).real
 
 
-@pytest.mark.parametrize("form", Form)
-def test_parquet_holds_the_same_table(client: TestClient, running: str, form: Form) -> None:
+@pytest.mark.parametrize("form", RowForm)
+def test_parquet_holds_the_same_table(client: TestClient, running: str, form: RowForm) -> None:
     here = f"/v1/surveys/{running}/download"
     answer = client.get(f"{here}.parquet", params={"form": form})
     assert answer.status_code == 200, answer.text

@@ -13,7 +13,7 @@ from service_support import IN_A_THREAD, assert_problem, front_end, front_of, id
 from waiting import HANG, wait_until
 
 from gear_rattle.service.app import create_app
-from gear_rattle.service.kernels import Kernels, Part
+from gear_rattle.service.kernels import KernelPurpose, Kernels
 from gear_rattle.service.settings import Settings
 from rattle.models import Impacting, Stiff
 
@@ -29,7 +29,7 @@ POINTS = (
 def notes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Path]:
     """Where it would be written, part by part, that all is compiled, and is not."""
     monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
-    return [tmp_path / f"{part}-{Impacting.name}.note" for part in Part]
+    return [tmp_path / f"{part}-{Impacting.name}.note" for part in KernelPurpose]
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list
         wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
         health, ready = client.get("/v1/health").json(), client.get("/v1/ready")
         kernels = front_of(client).kernels
-        for part in Part:
+        for part in KernelPurpose:
             client.portal.call(kernels._ready[Impacting.name, part].set)
         assert health["status"] == "warming"
         assert_problem(ready, 503, "Kernels are being compiled")
@@ -75,7 +75,7 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels])
         first = threads.submit(client.get, POINTS[0])
         wait_until(lambda: compiling and compiling[0]._waiting)
         second = client.get(POINTS[1])
-        client.portal.call(front_of(client).kernels._ready[Impacting.name, Part.ORBITS].set)
+        client.portal.call(front_of(client).kernels._ready[Impacting.name, KernelPurpose.ORBITS].set)
         assert_problem(second, 503, "Kernels are being compiled")
         assert first.result(HANG).status_code == 200
 

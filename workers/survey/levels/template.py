@@ -38,7 +38,7 @@ MULTISCALES = {
 }
 
 
-class Described(NamedTuple):
+class LevelDescription(NamedTuple):
     """An array of a level: its dimensions but those of its cells and of a third axis."""
 
     name: str
@@ -57,14 +57,14 @@ def meanings(quantity: Quantity) -> tuple[str, ...]:
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
-def described(quantity: Quantity) -> tuple[Described, ...]:
+def described(quantity: Quantity) -> tuple[LevelDescription, ...]:
     """Return the arrays that a level has of a variable; of complex numbers these are moduli."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
         long_name = f"|{quantity.long_name}|" if modulus else quantity.long_name
         numbers = quantity.attributes | {"long_name": long_name}
-        return (Described(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
+        return (LevelDescription(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
     most = quantity.attributes | {"cell_methods": f"{LEVEL_CELL[0]}: {LEVEL_CELL[1]}: mode"}
     masks = mask_type(len(words))
     flags = {"flag_masks": [1 << code for code in range(len(words))], "flag_meanings": " ".join(words)}
@@ -72,13 +72,13 @@ def described(quantity: Quantity) -> tuple[Described, ...]:
     share = f"share of the cells that have the most frequent {name}"
     occurs = f"which values of {name} occur, a bit each"
     return (
-        Described(name, dims, np.dtype(quantity.dtype), most),
-        Described(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
-        Described(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
+        LevelDescription(name, dims, np.dtype(quantity.dtype), most),
+        LevelDescription(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
+        LevelDescription(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
     )
 
 
-def create(root: zarr.Group, request: SurveyRequest, level: Level, array: Described) -> zarr.Array:
+def create(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
     """Create an array of a level, of which each block is a chunk."""
     axes = request.third_axis
     beside = [len(_labels(request, dim)) for dim in array.dims]

@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square
 from gear_rattle.workers.survey.values.cells import Cells
 from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
-from rattle.families import Piece, in_order, no_attractors, together
+from rattle.families import GridPiece, in_order, no_attractors, together
 
 #: What samples go to that has no orbit which could be continued.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
@@ -33,7 +33,7 @@ class Evidence:
         self.region = np.zeros(n, np.int8)
         self.samples = np.zeros((len(SEEN), n))
         self.table = no_attractors()
-        self.existing: dict[int, Piece] = {}  # of the blocks that have periodic orbits
+        self.existing: dict[int, GridPiece] = {}  # of the blocks that have periodic orbits
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
@@ -74,10 +74,10 @@ class Evidence:
             self.existing[block] = piece
             self._code[block, : height + 1, : width + 1] = labels_in(piece)
 
-    def _piece(self, top: int, left: int, height: int, width: int) -> Piece:
+    def _piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
         cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
-        return Piece((height + 1, width + 1), cells)
+        return GridPiece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
         """Return numbers that are equal where the same orbits exist, in cells of one block."""
@@ -158,7 +158,7 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     return found
 
 
-def labels_in(piece: Piece) -> np.ndarray:
+def labels_in(piece: GridPiece) -> np.ndarray:
     """Return numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)

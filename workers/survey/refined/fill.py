@@ -98,7 +98,7 @@ class RefinedCells(Cells):
         return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 
 
-class Plan(NamedTuple):
+class FillingPlan(NamedTuple):
     """How a tile is refined: the rounds of its audits, what is compared, curves of the plane, and what draws follow."""
 
     rounds: Sequence[Round]
@@ -107,7 +107,7 @@ class Plan(NamedTuple):
     seed: int
 
 
-def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> RefinedCells:
+def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
     """Refine the cells rows × columns of a grid of cells.
 
     What a cell holds follows from its block: neither the tile nor its place in it shows.

@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.refined.blocks import Leaves
 from gear_rattle.workers.survey.refined.evidence import SEEN, Evidence
 from rattle import Attractors
 from rattle.attractors import PERIODIC, UNDECIDED
-from rattle.families import Piece, no_attractors, together
+from rattle.families import GridPiece, no_attractors, together
 
 NORMAL = 1.96  # standard deviations in half of a 95 % interval
 
@@ -34,7 +34,7 @@ class Related(NamedTuple):
     the next cell.
     """
 
-    existing: Piece
+    existing: GridPiece
     row: np.ndarray
     column: np.ndarray
     label: np.ndarray
@@ -58,7 +58,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
     return Filling(together(*(each.table for each in parts)), np.concatenate([each.wider for each in parts]))
 
 
-def related(existing: Piece) -> Related:
+def related(existing: GridPiece) -> Related:
     """Return the orbits of a block that are one."""
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components

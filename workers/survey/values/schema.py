@@ -31,7 +31,7 @@ class Group(StrEnum):
     FAMILIES = "families"
 
 
-class Form(StrEnum):
+class RowForm(StrEnum):
     """Kinds of rows of a table: a cell, or one of the attractors or of the orbits A to D of a cell."""
 
     CELLS = "cells"

@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from .intervals import IV, Interval, Refused, between, exact, require
+from .intervals import IV, BlockRefused, Interval, between, exact, require
 from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
@@ -38,7 +38,7 @@ def prove(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0
     """Raise Refused unless a claim holds at all points of a block: as a whole, or in halves."""
     try:
         prove_whole(claim, beta, delta, epsilon)
-    except Refused:
+    except BlockRefused:
         if depth == DEEPEST:
             raise
         half = (delta[0] + delta[1]) / 2
@@ -65,7 +65,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
     """Likewise, that quiet captures below a speed."""
     try:
         Capture(between(*delta), between(*epsilon), between(beta, beta)).require_below(speed)
-    except Refused:
+    except BlockRefused:
         if depth == DEEPEST_CAPTURE:
             raise
         cut = epsilon if depth % 2 == 0 else delta
@@ -109,7 +109,7 @@ def check(text: str) -> str:
             require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")
             prove(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise BlockRefused(f"it cannot be read: {error}") from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
@@ -127,7 +127,7 @@ def main(path: str) -> int:
         for number, line in enumerate(file, 1):
             try:
                 print(f"proved: {check(line)}")
-            except Refused as why:
+            except BlockRefused as why:
                 print(f"NOT PROVED, line {number}: {why}")
                 status = 1
     return status

@@ -17,14 +17,14 @@ PI = IV.pi + SLACK
 NUMBER = re.compile(r"\d{1,40}(\.\d{1,100}|/[1-9]\d{0,100})?")
 
 
-class Refused(Exception):  # noqa: N818 - it is an answer, no fault
+class BlockRefused(Exception):  # noqa: N818 - it is an answer, no fault
     """Why a block is not proved."""
 
 
 def require(ok: Any, why: str) -> None:
     """Raise Refused unless ok."""
     if not ok:
-        raise Refused(why)
+        raise BlockRefused(why)
 
 
 def exact(text: str) -> Fraction:
@@ -133,7 +133,7 @@ def force(d: Any, cosine: Any, sine: Any) -> Any:
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 
 
-class Box:
+class ParameterBox:
     """Two intervals, and what a function with known derivatives can be over both, by the mean value theorem."""
 
     def __init__(self, s: Interval, d: Interval) -> None:

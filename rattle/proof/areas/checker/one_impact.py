@@ -1,6 +1,6 @@
 """A and C, which are P(1,1,0): X = ε cos 2πτ < 0 for A, > 0 for C."""
 
-from .intervals import IV, ONE, PI, ZERO, Box, Interval, Jet, less, middle, require
+from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, less, middle, require
 
 SHORTEST, PLACES = 2.0**-18, 32  # a part of a flight; of a search, on either side
 
@@ -23,7 +23,7 @@ class OneImpact:
     """A or C over a block: at all δ of an interval, with ε² between two numbers."""
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
-        box = Box(ZERO, d)
+        box = ParameterBox(ZERO, d)
         y = box.about(sine_of(box.centre[1]).x, sine_of(box.jets[1]))
         self.d, self.beta, self.letter = d, beta, letter
         self.born, self.unborn = less(y**2, low), less(high, y**2)
@@ -46,7 +46,7 @@ class OneImpact:
         parts = [(ZERO, ONE)]
         while parts:
             low, high = parts.pop()
-            box = Box(IV.mpf([low.a, high.b]), self.d)
+            box = ParameterBox(IV.mpf([low.a, high.b]), self.d)
             over = height(*box.jets, self.x)
             y = box.about(height(*box.centre, self.x).x, over)
             leaves = less(over.s, ZERO) if low == 0 else less(ZERO, over.s) if high == 1 else less(y, ZERO)
@@ -65,12 +65,12 @@ class OneImpact:
             t = min(places, key=lambda each: float(height(Jet(each), d, self.x.a).x.mid.a))
             step = step / PLACES
         require(less(ZERO, t) and less(t, ONE), "a flight is lowest at its ends")
-        box = Box(t, self.d)
+        box = ParameterBox(t, self.d)
         return less(box.about(height(*box.centre, self.x.a).x, height(*box.jets, self.x.a)), -2 * self.beta)
 
     def attracts(self) -> bool:
         """Return whether both multipliers are inside the unit circle everywhere; else one is outside everywhere."""
-        box = Box(ZERO, self.d)
+        box = ParameterBox(ZERO, self.d)
 
         def ratio(d: Jet) -> Jet:  # X less than this, 2(1 + E)δ²/4π(1 − E), and more than 0
             end = d.decay()

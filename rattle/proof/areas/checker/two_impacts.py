@@ -4,7 +4,22 @@ from collections.abc import Callable
 from fractions import Fraction
 from itertools import groupby
 
-from .intervals import IV, ONE, PI, ZERO, Box, Interval, Jet, between, decayed, force, less, middle, require, turned
+from .intervals import (
+    IV,
+    ONE,
+    PI,
+    ZERO,
+    Interval,
+    Jet,
+    ParameterBox,
+    between,
+    decayed,
+    force,
+    less,
+    middle,
+    require,
+    turned,
+)
 
 SHARE, SHORTEST = Fraction(1, 64), 2.0**-13  # of the width in δ, to which s is cut; a part of a flight
 Part = tuple[Fraction, Fraction]
@@ -46,7 +61,7 @@ def room(t: Terms, z: list[Jet]) -> list[Jet]:
     return [one - trace, one + trace]
 
 
-class Cell(Box):
+class Cell(ParameterBox):
     """All solutions with s in an interval, at all δ of another."""
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
