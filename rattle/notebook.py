@@ -111,7 +111,7 @@ def figure_of(result: Shown, drawn_by: str) -> Figure:
     return drawn
 
 
-def motion(m: int, n_plus: int, n_minus: int) -> str:
+def motion_label(m: int, n_plus: int, n_minus: int) -> str:
     """Return the label P(m, n₊, n₋) of a periodic motion."""
     return f"P({m}, {n_plus}, {n_minus})"
 

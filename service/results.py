@@ -76,13 +76,13 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         return open_survey(store, group)
     import xarray as xr
 
-    from gear_rattle.workers.storage.complex import joined
+    from gear_rattle.workers.storage.complex import join_complex
     from gear_rattle.workers.storage.encoding import prepare_for_writing
 
     try:
         options = {"headers": dict(headers)}
         found = xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options)
-        return joined(prepare_for_writing(found))
+        return join_complex(prepare_for_writing(found))
     except Exception as error:  # what the network or a foreign format raises
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 

@@ -85,7 +85,7 @@ def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBloc
     return blocks
 
 
-def serve() -> None:
+def serve_columns() -> None:
     """Prove the column that stdin names, and write its blocks or the error to stdout."""
     asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
     sys.stdout = sys.stderr  # what a library prints is no answer

@@ -79,7 +79,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     ]  # fmt: skip
 
 
-def certified(claims: Iterable[AttractorClaim]) -> Answers:
+def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
     """Return of each attractor its certificate as a document, or why it is not proved. The task of a cluster, too."""
     found: Answers = []
     for claim in claims:
@@ -102,7 +102,7 @@ def certified(claims: Iterable[AttractorClaim]) -> Answers:
 
 def proved_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
     """Prove in this process."""
-    return [certified(part) for part in parts]
+    return [certify_claims(part) for part in parts]
 
 
 def certify_survey(
@@ -122,7 +122,7 @@ def certify_survey(
     survey : xr.Dataset
         As `open_survey` gives it.
     prove : Callable[[Sequence[list[Claim]]], list[Answers]]
-        Proves some parts of the attractors, anywhere: `certified` of each, in order. What it raises is raised.
+        Proves some parts of the attractors, anywhere: `certify_claims` of each, in order. What it raises is raised.
     at_once : int
         Parts that it is given at a time: what they give is kept when all are through.
     on_done : Callable[[int, int], None]
@@ -250,7 +250,7 @@ def prove_survey(
 
 
 def _certified(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
-    return certified(claims)
+    return certify_claims(claims)
 
 
 def require_proofs() -> None:

@@ -15,8 +15,8 @@ from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, blocks_of, levels_of, steps_of
-from gear_rattle.workers.survey.levels.template import create, described, files_of_levels, maps, meanings
+from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, steps_of
+from gear_rattle.workers.survey.levels.template import create, files_of_levels, level_arrays, maps, meanings
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -43,7 +43,7 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
         There is no survey, or it is damaged.
     """
     place = place_of(where)
-    found = each(make_block, request, str(place), [(block,) for block in blocks_of(request)])
+    found = each(make_block, request, str(place), [(block,) for block in level_blocks(request)])
     try:
         added_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
     except OSError as error:
@@ -85,7 +85,7 @@ def _chunks(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the chunks of a variable: of each level, and of codes the arrays that tell of them."""
     levels = levels_of(request.shape)
-    arrays = described(quantity)
+    arrays = level_arrays(quantity)
     beside = values.shape[:-2]
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # of each level, of each map
     for at in np.ndindex(*beside):
@@ -104,7 +104,7 @@ def _chunks(
 def _reduced(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield for each level the arrays of one map, as `described` has them."""
+    """Yield for each level the arrays of one map, as `level_arrays` has them."""
     steps = steps_of(levels_of(request.shape))
     if words := meanings(quantity):
         yield from reduce.codes(values, known, steps, len(words))

@@ -135,7 +135,7 @@ def halved(radius):
 
 
 @inline
-def between(n_plus):
+def impacts_between_centres(n_plus):
     """Impacts from one centre of an orbit to the next."""
     return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
 
@@ -148,7 +148,7 @@ def fill_centres(grown, orbits, cells, whole, real):
         for j in range(grown[cell], orbits.n[cell]):
             point = point_of(cell, cells)
             n_plus, tau, v = orbits.n_plus[cell, j], orbits.tau[cell, j], orbits.v[cell, j]
-            every = between(n_plus)
+            every = impacts_between_centres(n_plus)
             unit = speed_unit(point.delta, point.epsilon, point.beta)
             for i in range(n_plus):
                 if i % every == 0:
@@ -176,7 +176,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     """
     number = np.arange(orbits.n_plus.shape[1])
     n_plus = orbits.n_plus[(number >= grown[:, None]) & (number < orbits.n[:, None])]
-    every = between(n_plus)
+    every = impacts_between_centres(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
     whole, real = np.zeros((4, n), np.int64), np.zeros((6, n))
     fill_centres(grown, orbits.for_kernels(), cells, whole, real)

@@ -17,7 +17,7 @@ from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
-from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, listed, tabulated
+from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, attractors_of_cell, tabulated
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, Dataset, Tabular, dataset_of
@@ -290,5 +290,5 @@ def basins(
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)
     label[order] = np.arange(order.size)
-    found = listed(table.take(order), count[order])
+    found = attractors_of_cell(table.take(order), count[order])
     return Basins(across, up, label[rows].reshape(n, n), found, steps.reshape(n, n), method, box)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, doubled, empty_tables
+from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, empty_tables, with_twice_the_room
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
@@ -229,7 +229,7 @@ class Classifier(ABC):
     def make_room(self, most: int) -> None:
         """Have room for so many orbits in each cell, as often doubled as it takes."""
         while self.orbits.m.shape[1] < most:
-            self.orbits, self.balls = doubled(self.orbits), doubled(self.balls)
+            self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""

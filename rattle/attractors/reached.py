@@ -13,7 +13,7 @@ from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
-from rattle.attractors.table import Attractor, listed, of_samples
+from rattle.attractors.table import Attractor, attractors_of_cell, of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
 from rattle.orbits.period_one import HasOrbits, html_of_point
@@ -55,7 +55,7 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
     number = np.argsort(order)
-    found = listed(table.take(order), count[order])
+    found = attractors_of_cell(table.take(order), count[order])
     kind = table.kind[rows]
     impacts = np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, impacts)
     return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
@@ -104,7 +104,7 @@ class Sampled:
             The attractors.
         """
         table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
-        return listed(table, table.samples)
+        return attractors_of_cell(table, table.samples)
 
     def basins(
         self,

@@ -29,7 +29,7 @@ class Rows(NamedTuple):
 
 
 @inline
-def place_of(kind, which, orbits):
+def row_of_outcome(kind, which, orbits):
     """Return the number of a cell's attractor among all that it might have, if so many are orbits."""
     if kind == Outcome.QUIET:
         return 0
@@ -53,7 +53,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = place_of(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
+            p = row_of_outcome(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p

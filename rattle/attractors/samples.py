@@ -150,7 +150,7 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
     )
 
 
-def doubled(table: Known) -> Known:
+def with_twice_the_room(table: Known) -> Known:
     """Return a table (n_cells, room) with twice the room."""
     columns = table.columns()
     wider = {name: np.concatenate([x, np.zeros_like(x)], axis=1) for name, x in columns.items() if name != "n"}

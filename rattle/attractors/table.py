@@ -229,7 +229,7 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
     return table
 
 
-def listed(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
+def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
     """Return the rows of one cell's table, with fractions from numbers of samples (rows,).
 
     These need not be the table's.

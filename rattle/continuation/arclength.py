@@ -101,7 +101,7 @@ class Course(NamedTuple):
     paths: tuple[Path, Path] | None
 
 
-def newton(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
+def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
     """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
@@ -191,7 +191,7 @@ def with_value(problem: ContinuationProblem, x: Array, index: int, value: float)
     """Return the solution near x whose unknown number `index` has this value, or None."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
-    found = newton(problem, guess, fixed)
+    found = newton_on_curve(problem, guess, fixed)
     return None if found is None else found[0]
 
 
@@ -222,9 +222,9 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
     return unit, float(np.linalg.slogdet(with_row(jacobian, unit))[0])
 
 
-def between(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
+def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
     """Return the solution above this share of the chord from a to b."""
-    found = newton(problem, a + share * (b - a), b - a)
+    found = newton_on_curve(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
 
@@ -260,10 +260,10 @@ def last_inside(
         if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
         ahead = outside - inside
-        found = newton(problem, inside + share * ahead, b - a)
+        found = newton_on_curve(problem, inside + share * ahead, b - a)
         if found is None:
             tangent = tangent_at(problem, inside, ahead)
-            found = newton(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
+            found = newton_on_curve(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
         if found is None:
             share *= 0.5
         elif is_admissible(found[0]):
@@ -315,7 +315,7 @@ class Follower:
         while len(points) < most and step >= shortest:
             x, direction = points[-1], tangents[-1]
             step = min(step, self.longest(direction))
-            found = newton(self.problem, x + step * direction, direction)
+            found = newton_on_curve(self.problem, x + step * direction, direction)
             if found is None or np.linalg.norm(found[0] - x) > 2.0 * step:
                 step *= 0.4
                 continue
@@ -361,7 +361,7 @@ class Follower:
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
             if 0.0 < share <= 1.0 and np.max(np.abs(twin - a - share * chord)) < LARGEST_TURN * np.max(np.abs(chord)):
-                found = between(self.problem, a, b, share)
+                found = solution_above_chord(self.problem, a, b, share)
                 if found is not None and np.max(np.abs(found - twin)) < SAME_SOLUTION:
                     return found
         return None
@@ -391,7 +391,7 @@ def root_between(
     """
 
     def value(share: float) -> float:
-        x = between(problem, a, b, share)
+        x = solution_above_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError
         return test(x)
@@ -405,4 +405,4 @@ def root_between(
         share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except ArithmeticError:  # lost between
         return None
-    return between(problem, a, b, float(share))
+    return solution_above_chord(problem, a, b, float(share))

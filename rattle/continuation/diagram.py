@@ -36,7 +36,7 @@ from rattle.notebook import (
     dataset_of,
     figure_of,
 )
-from rattle.notebook import motion as label_of
+from rattle.notebook import motion_label as label_of
 from rattle.parameters import Parameters
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane

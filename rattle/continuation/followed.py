@@ -20,7 +20,7 @@ from rattle.notebook import (
     figure_of,
     html_of,
     line_of,
-    motion,
+    motion_label,
 )
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Equations
@@ -111,7 +111,9 @@ class FollowedBranch(ABC):
 
     def _caption(self) -> str:
         events = ", ".join(f"{each.kind}{'' if each.admissible else ' (virtual)'}" for each in self.events) or "none"
-        return f"branch of {motion(*self.label)}, {len(self)} points; events: {events}; ends: {', '.join(self.ends)}"
+        return (
+            f"branch of {motion_label(*self.label)}, {len(self)} points; events: {events}; ends: {', '.join(self.ends)}"
+        )
 
     def _columns(self) -> Columns:
         return {
@@ -183,7 +185,7 @@ class FollowedBranch(ABC):
                 "wall": ("impact", np.array(self.itinerary.walls)),
                 "beta": self.itinerary.beta,
             },
-            {"motion": motion(*self.label), "ends": list(self.ends)},
+            {"motion": motion_label(*self.label), "ends": list(self.ends)},
         )
 
 

@@ -15,7 +15,7 @@ from rattle.errors import real_array, require, require_number
 from rattle.families.footprints import overlaps
 from rattle.families.spread import NOWHERE, OF_ORBIT, Linked, Rectangle, lead, spread
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
-from rattle.families.table import Families, tabulated
+from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
 AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
@@ -59,7 +59,7 @@ def joined(
         The families and the cells' attractors.
     """
     attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
-    return Families(delta, epsilon, count, attractors, entered, family, tabulated(delta, epsilon, count, sums))
+    return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
 
 
 def joined_rows(

@@ -72,7 +72,7 @@ def alike(i, k, orbits):
 
 
 @kernel
-def at_point(tau, v, cell, k, near, orbits):
+def orbit_at_point(tau, v, cell, k, near, orbits):
     """Return the orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if there is none."""
     i = orbits.last[cell]
     while i != NOWHERE:
@@ -144,7 +144,7 @@ def followed(k, here, there, orbits):
 
 
 @kernel
-def continued(k, cell, n, orbits, cells):
+def continue_orbit(k, cell, n, orbits, cells):
     """Return the number of orbit k's continuation in a neighbouring cell, entered as number n if new; else NOWHERE."""
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
     found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
@@ -152,7 +152,7 @@ def continued(k, cell, n, orbits, cells):
         return NOWHERE
     unit = unit_at(point)
     near = SAME_POINT * unit
-    known = at_point(tau, v, cell, k, near, orbits)
+    known = orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
         return known
     is_stable, _first, _second = labelled(tau, v, k, orbits, point)
@@ -160,7 +160,7 @@ def continued(k, cell, n, orbits, cells):
         return NOWHERE
     t, w = tau, v
     for _ in range(n_plus):  # another impact of it may be the fastest here
-        known = at_point(t, w, cell, k, near, orbits)
+        known = orbit_at_point(t, w, cell, k, near, orbits)
         if known != NOWHERE:
             return known
         _status, t, w, _time, _below = step(t, w, point)
@@ -191,7 +191,7 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
         orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau[i], v[i], first[i], second[i]
         near = SAME_POINT * unit_at(point_of(cell[i], cells))
-        which[i] = at_point(tau[i], v[i], cell[i], n, near, orbits)
+        which[i] = orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
         if which[i] == NOWHERE:
             orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
             which[i] = n
@@ -218,7 +218,7 @@ def spread(done, n, columns, inside, cells, orbits):
             found = NOWHERE
             if inside.top <= i < inside.bottom and inside.left <= j < inside.right:
                 cell = i * columns + j
-                found = continued(done, cell, n, orbits, cells)
+                found = continue_orbit(done, cell, n, orbits, cells)
                 if found == n:
                     n += 1
             orbits.to[done, side] = found

@@ -75,10 +75,10 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
         first=cell,
         place=place[of],
     )
-    return added([each])
+    return add_sums([each])
 
 
-def added(parts: Iterable[Sums]) -> Sums:
+def add_sums(parts: Iterable[Sums]) -> Sums:
     """Return the sums of all cells from those of some, each cell in one of them."""
     all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:

@@ -66,7 +66,7 @@ class Families:
         return np.where(there, won / self.count, np.nan).reshape(shape)
 
 
-def tabulated(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
+def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
     """Return the table of families of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
 
     From the sums of all cells.

@@ -63,7 +63,7 @@ def once_around(cell, n_plus, tau, v, cells, sums):
 
 
 @kernel
-def followed(cell, tau, v, periods, cells, sums):
+def sums_over_periods(cell, tau, v, periods, cells, sums):
     """Add up sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
 
     NaN of one that comes to rest.
@@ -78,7 +78,7 @@ def followed(cell, tau, v, periods, cells, sums):
 def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
     """Return the `Stretch` of a gear without lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
-    followed(cell, tau, v, STRETCH * longer, cells, sums)
+    sums_over_periods(cell, tau, v, STRETCH * longer, cells, sums)
     return sums
 
 

@@ -39,7 +39,7 @@ def bounce(wall, tau, w, point):
 
 
 @inline
-def added(row, s, wall, speed, duration, impulse):
+def add_impact(row, s, wall, speed, duration, impulse):
     """Enter one impact into a row of sums."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
@@ -69,7 +69,7 @@ def summed(tau, v, returns, periods, most, point, sums):
         status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)
         if status != OK:
             return status, tau, abs(w), now
-        added(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
+        add_impact(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
         tau, w, now = folded(tau + s + duration), -wall * departure, now + s + duration
         back += wall > 0
         if back >= returns or now >= periods:
@@ -78,7 +78,7 @@ def summed(tau, v, returns, periods, most, point, sums):
 
 
 @kernel
-def listed(tau, v, returns, periods, point, impacts):
+def list_impacts(tau, v, returns, periods, point, impacts):
     """Do `summed` with the impacts written one by one, as far as there is room: (status, τ', v', their number)."""
     wall, w, start, now, back = SIGMA_PLUS, -v, tau, 0.0, 0
     for i in range(impacts.time.size):

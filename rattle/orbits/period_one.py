@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.notebook import Columns, html, html_of, line_of, motion
+from rattle.notebook import Columns, html, html_of, line_of, motion_label
 
 NAMES = ("A", "B", "C", "D")
 N_MINUS = (0, 1, 0, 1)
@@ -38,7 +38,8 @@ class Orbit(NamedTuple):
 
     def _caption(self) -> str:
         kind = "stable" if self.stable else "unstable"
-        return f"{self.name}: {motion(self.m, self.n_plus, self.n_minus)}, {kind}, τ = {self.tau:.6g}, v = {self.v:.6g}"
+        label = motion_label(self.m, self.n_plus, self.n_minus)
+        return f"{self.name}: {label}, {kind}, τ = {self.tau:.6g}, v = {self.v:.6g}"
 
     def _columns(self) -> Columns:
         return orbit_columns((self,))
@@ -55,7 +56,7 @@ def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
     """Return the table of orbits, a row each."""
     return {
         "orbit": [each.name for each in orbits],
-        "motion": [motion(each.m, each.n_plus, each.n_minus) for each in orbits],
+        "motion": [motion_label(each.m, each.n_plus, each.n_minus) for each in orbits],
         "tau": [each.tau for each in orbits],
         "v": [each.v for each in orbits],
         "multiplier_1": [each.multipliers[0] for each in orbits],
@@ -132,7 +133,7 @@ def classify(orbits: PeriodOne) -> NDArray[np.int8]:
     return region
 
 
-def in_words(region: int) -> str:
+def region_in_words(region: int) -> str:
     """Return a region in a sentence: region III; or orbits A, B and D, no region of the paper."""
     name = REGIONS[region]
     if name in PAPER_REGIONS:
@@ -158,5 +159,5 @@ class HasOrbits(Protocol):
 
 def html_of_point(gear: HasOrbits) -> str:
     """Return the HTML that a notebook shows for a gear."""
-    caption = f"{gear!r}: {in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
+    caption = f"{gear!r}: {region_in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
     return html(caption, orbit_columns(gear.orbits()))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.flight import law
 from rattle.flight.impact_law import ELASTIC, ImpactLaw
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion_label
 from rattle.numerics.complex_step import Array, derivatives
 from rattle.orbits.period_one import multipliers_of
 
@@ -215,7 +215,7 @@ class Periodic(ABC):
 
     def _caption(self) -> str:
         kind = "stable" if self.stable else "unstable" if self.admissible else "virtual"
-        return f"{motion(*self.label)} at δ = {self.delta:.6g}, ε = {self.epsilon:.6g}, {kind}"
+        return f"{motion_label(*self.label)} at δ = {self.delta:.6g}, ε = {self.epsilon:.6g}, {kind}"
 
     def _columns(self) -> Columns:
         return {"wall": self.walls, "departure": self.departures, "speed": self.speeds}

@@ -32,7 +32,7 @@ def on_chaos(delta: float, epsilon: float, count: int) -> States:
     return states.tau, states.v
 
 
-def settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
+def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return flags of states on a motion that repeats after RETURNS impacts at most, or bounces at hardly any speed."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
@@ -50,9 +50,9 @@ def leaks(delta: float, epsilon: float, start: States) -> bool:
         True if any of them goes.
     """
     near = rattle.iterate(delta, epsilon, *start, BEFORE)
-    left = ~settled(delta, epsilon, near.tau, near.v)
+    left = ~has_settled(delta, epsilon, near.tau, near.v)
     end = rattle.iterate(delta, epsilon, near.tau[left], near.v[left], IMPACTS)
-    return bool(not left.any() or settled(delta, epsilon, end.tau, end.v).any())
+    return bool(not left.any() or has_settled(delta, epsilon, end.tau, end.v).any())
 
 
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:

@@ -29,7 +29,7 @@ class ReferenceImpacts(NamedTuple):
     smallest: float
 
 
-def step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
+def reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
     """Π of (τ, v), impact by impact."""
     gear, wall, phase, velocity = Gear(delta, epsilon), 1, tau, -v
     walls: list[int] = []
@@ -64,7 +64,10 @@ def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[Worst
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])
         low = np.array(
-            [step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest for i in here]
+            [
+                reference_step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest
+                for i in here
+            ]
         )
         worst, negative = here[low.argmin()], here[low < 0]
         first = float(epsilon[negative].min()) if negative.size else np.nan

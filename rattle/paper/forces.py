@@ -6,7 +6,7 @@ import numpy as np
 
 import rattle
 from rattle.paper import flights, formulas
-from rattle.paper.plane import WINDOW, cells
+from rattle.paper.plane import WINDOW, plane_cells
 from rattle.paper.records import Finding, FindingEvidence, Statement
 
 EXAMPLE = (0.4, 0.25, 0.32, 5.82)  # δ, ε, τ, v: leaves Σ⁻ and meets it again
@@ -15,7 +15,7 @@ JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)  # δ, ε, τ, and speeds on both sides of a 
 
 def convexity() -> Finding:
     """Φ'' > 0."""
-    delta, epsilon = cells(60, 60)
+    delta, epsilon = plane_cells(60, 60)
     worst = flights.along_orbits(delta, epsilon, rattle.period_one(delta, epsilon))
     first = min(w.first for w in worst)
     column = np.linspace(0.06, 0.3, 241)
@@ -56,7 +56,7 @@ def convexity() -> Finding:
 def _smallest(delta: float, epsilon: float) -> float:
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)
-    return min(flights.step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
+    return min(flights.reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
 
 
 def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
@@ -79,8 +79,8 @@ def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> 
 def impact_map() -> Finding:
     """Return a fourth kind of flight, and a jump."""
     v, below, above = _jump(*JUMP)
-    step = flights.step(*EXAMPLE)
-    delta, epsilon = cells(300, 150)
+    step = flights.reference_step(*EXAMPLE)
+    delta, epsilon = plane_cells(300, 150)
     random = np.random.default_rng(0)
     count = rattle.iterate(
         delta, epsilon, random.random((8, delta.size)), 7 * random.random((8, delta.size)), 1
@@ -118,7 +118,7 @@ def impact_map() -> Finding:
     )
 
 
-def contact_force() -> Finding:
+def contact_force_statement() -> Finding:
     """Return g > 0 and (3.13)."""
     delta = np.linspace(*WINDOW[0], 2001)
     top = WINDOW[1][1]
@@ -126,7 +126,7 @@ def contact_force() -> Finding:
     least = 2 * delta**2 / (delta**2 + 4 * np.pi**2)
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
-    at = float(formulas.acceleration(phase, 0.0, 0.4, 0.2).min())
+    at = float(formulas.acceleration_by_formula(phase, 0.0, 0.4, 0.2).min())
     born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # the one that there is
     return Finding(
         "contact force",

@@ -25,7 +25,7 @@ SPEEDS = (2.0**-8, 2.0**-9)
 Array = NDArray[np.float64]
 
 
-def acceleration(phase: Array, v: float, delta: float, epsilon: float) -> Array:
+def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
     """Φ'' on departure: the bracket of (3.7), and the denominator of (3.8) with its sign put right."""
     return (
         delta * v
@@ -45,7 +45,7 @@ def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
     """(3.10) as printed: the square of Φ'' on departure."""
-    return acceleration(phase, v, delta, epsilon) ** 2
+    return acceleration_by_formula(phase, v, delta, epsilon) ** 2
 
 
 class Orders(NamedTuple):
@@ -69,7 +69,7 @@ def orders() -> Orders:
 
 
 def _expansion_residuals(h: float) -> tuple[float, float]:
-    rate = acceleration(PHASES, SPEED, DELTA, EPSILON)
+    rate = acceleration_by_formula(PHASES, SPEED, DELTA, EPSILON)
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
         sine, cosine = math.sin(TWO_PI * phase), math.cos(TWO_PI * phase)
@@ -86,7 +86,7 @@ def _bounce_residuals(v: float) -> tuple[float, float, float]:
     time = np.array([b.flight_time for b in bounces])
     speed = np.array([b.impact_velocity for b in bounces])
     change = f(PHASES, v, DELTA, EPSILON) / g(PHASES, v, DELTA, EPSILON) * v**2
-    late = time - 2 * v / acceleration(PHASES, v, DELTA, EPSILON)
+    late = time - 2 * v / acceleration_by_formula(PHASES, v, DELTA, EPSILON)
     return _largest(late), _largest(speed - v - change), _largest(speed - v - change / 3)
 
 
@@ -106,7 +106,7 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
     """
     end = rattle.iterate_tangent(delta, epsilon, 0.0, v, impacts)
     invariant = [
-        math.log(speed**3 / float(acceleration(np.array(phase), 0.0, delta, epsilon)))
+        math.log(speed**3 / float(acceleration_by_formula(np.array(phase), 0.0, delta, epsilon)))
         for phase, speed in ((0.0, v), (float(end.tau), float(end.v)))
     ]
     periods = float(end.time)
@@ -126,7 +126,7 @@ def decay_by_formula(factor: float, v: float, periods: float, delta: float = DEL
     t, speed = 0.0, v
     while t < periods:
         phase = np.array(t)
-        a = float(acceleration(phase, speed, delta, epsilon))
+        a = float(acceleration_by_formula(phase, speed, delta, epsilon))
         change = factor * float(f(phase, speed, delta, epsilon)) / a**2
         t, speed = t + 2 * speed / a, speed + change * speed**2
     return math.log(v / speed) / t

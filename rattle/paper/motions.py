@@ -15,9 +15,9 @@ from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import periodic_orbit
 from rattle.orbits.period_one import PeriodOne
 from rattle.paper.birth import birth_of_chaos
-from rattle.paper.chaos import settled
+from rattle.paper.chaos import has_settled
 from rattle.paper.numbers import at
-from rattle.paper.pictures import DELTA, Panels, fractions, name, share
+from rattle.paper.pictures import DELTA, Panels, basin_share, fractions, name
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
 
@@ -57,12 +57,14 @@ def chaos_appears() -> Finding:
             ),
             FindingEvidence(
                 f"ε = {JUST_BELOW}: {fractions(before)}",
-                share(before, "chaotic") + share(before, "undecided") == 0 < share(before, "P(4,4,2)"),
+                basin_share(before, "chaotic") + basin_share(before, "undecided")
+                == 0
+                < basin_share(before, "P(4,4,2)"),
             ),
             *(
                 FindingEvidence(
                     f"ε = {e}: {fractions(seen)}; exponent {exponent(seen):.2f}",
-                    share(seen, "chaotic") > 0.1,
+                    basin_share(seen, "chaotic") > 0.1,
                 )
                 for e, seen in ((0.0974, above), (0.098, after), (FAR_BELOW, early))
             ),
@@ -117,9 +119,9 @@ def _beside_c(delta: float, below: float) -> Array:
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))
     near = rattle.iterate(delta, epsilon, tau, v, 3000)
-    left = ~settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
+    left = ~has_settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
     end = rattle.iterate_tangent(delta, epsilon, near.tau.ravel()[left], near.v.ravel()[left], 100_000)
-    return end.lyapunov[0][~settled(delta, epsilon, end.tau, end.v)]
+    return end.lyapunov[0][~has_settled(delta, epsilon, end.tau, end.v)]
 
 
 def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
@@ -180,7 +182,7 @@ def stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDAr
             FindingEvidence(
                 f"stable D in {part:.1%} of region V, for δ up to {delta[stable & five].max():.3f}", part > 0.01
             ),
-            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions(seen)}", share(seen, "P(1,1,1)") > 0.01),
+            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions(seen)}", basin_share(seen, "P(1,1,1)") > 0.01),
         ),
     )
 
@@ -238,7 +240,7 @@ def region_one() -> Finding:
         (
             FindingEvidence(
                 f"δ = 1, ε = 0.23, region {rattle.REGIONS[here.region()]}: {fractions(seen)}",
-                here.region() == 1 and share(seen, "P(1,2,0)") > 0.01,
+                here.region() == 1 and basin_share(seen, "P(1,2,0)") > 0.01,
             ),
             FindingEvidence(
                 f"it attracts at {which.size} of {delta.size} random points of region I, δ from "
@@ -249,7 +251,7 @@ def region_one() -> Finding:
             ),
             FindingEvidence(
                 f"δ = 0.6: born in a saddle-node at ε = {born:.7f}; ε = 0.12: {fractions(also)}",
-                share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
+                basin_share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
             ),
             FindingEvidence(
                 "there its speeds on Σ⁺ are {:.4f} and {:.4f}".format(*orbit.speeds),
@@ -262,8 +264,8 @@ def region_one() -> Finding:
 def number_of_attractors(found: Panels) -> Finding:
     """Figure 4's sequence."""
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
-    c = [share(attractors, "P(1,1,0)") for attractors in found.values()]
-    rattling = [1 - share(attractors, "quiet") for attractors in found.values()]
+    c = [basin_share(attractors, "P(1,1,0)") for attractors in found.values()]
+    rattling = [1 - basin_share(attractors, "quiet") for attractors in found.values()]
     lone = sorted({name(a) for a in found[0.089]})
     return Finding(
         "number of attractors",

@@ -83,7 +83,7 @@ def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
     }
 
 
-def numbers(of: str | None = None) -> tuple[Number, ...]:
+def paper_numbers(of: str | None = None) -> tuple[Number, ...]:
     """Return all of them, in the paper's order, or those that the finding of this key explains."""
     computed = _computed()
     return tuple(

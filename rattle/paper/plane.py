@@ -10,7 +10,7 @@ from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.period_one import PeriodOne
-from rattle.paper.chaos import on_chaos, settled
+from rattle.paper.chaos import has_settled, on_chaos
 from rattle.paper.records import Statement
 
 WINDOW = ((0.4, 1.0), (0.0, 0.3))  # δ and ε of Figure 7
@@ -21,7 +21,7 @@ ASIDE = 1e-7  # distance in ε from a curve at which orbits are looked for on bo
 Array = NDArray[np.float64]
 
 
-def cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
+def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
     """Return δ and ε at the centres of cells of Figure 7's plane."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
@@ -140,7 +140,7 @@ def figure_9(end: float) -> tuple[Statement, ...]:
     for e in epsilon:
         states = rattle.iterate_tangent(delta, e, tau, v, 4000)
         tau, v = states.tau, states.v
-        lost += int(settled(delta, e, tau, v).sum())
+        lost += int(has_settled(delta, e, tau, v).sum())
         weakest = min(weakest, float(states.lyapunov[0].min()))
         spread.append(np.ptp(rattle.iterate(delta, e, tau[:, None], v[:, None], np.arange(40)).v))
     below = attractors_of(delta, start - 1e-6, count=1024).kind

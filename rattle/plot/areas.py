@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 from rattle.plot.colours import NAMED, REGION_COLOURS
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
-from rattle.proof.areas.shares import REGION, shares
+from rattle.proof.areas.shares import REGION, shares_of_claims
 from rattle.proof.certificate import Ends
 
 LEFT = "#222222"  # what is not proved
@@ -27,7 +27,9 @@ def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> D
     """Draw blocks of this plane, a panel for each kind of claim; dark is what is not proved."""
     figure = new_figure(10.0, 8.0)
     told = next(
-        share for share in shares(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0])) if share.what == REGION
+        share
+        for share in shares_of_claims(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0]))
+        if share.what == REGION
     )
     for axes, (name, inks) in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
         _panel(axes, [block for block in blocks if block.claim in inks], inks)

@@ -23,7 +23,7 @@ from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, Capability, model_of
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import NAMES, Orbit
-from rattle.plot.colours import Palette, name_of, order
+from rattle.plot.colours import Palette, legend_name, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
@@ -49,7 +49,7 @@ def highest(gear: AnyGear) -> float:
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
-def folded(tau: Array, v: Array, v_max: float) -> Array:
+def fold_line(tau: Array, v: Array, v_max: float) -> Array:
     """Return a line of the (τ, v) plane (k, 2) with its phases folded into [0, 1].
 
     NaN where it leaves a side, and without the part beyond v_max. It ends on the very side that it leaves.
@@ -87,7 +87,7 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
     """Γ of a gear whose model has it, folded (k, 2), empty if there is none."""
-    return _joined([folded(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
+    return _joined([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
 def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
@@ -109,8 +109,8 @@ def _legend(
     """Name each type of motion once, of many those with the largest basins, and the lines."""
     largest: dict[str, Attractor] = {}
     for each in attractors:
-        if name_of(each) not in largest or each.fraction > largest[name_of(each)].fraction:
-            largest[name_of(each)] = each
+        if legend_name(each) not in largest or each.fraction > largest[legend_name(each)].fraction:
+            largest[legend_name(each)] = each
     shown = sorted(largest, key=lambda label: -largest[label].fraction)[:MOST_NAMED]
     patches = [
         Patch(facecolor=palette.colour(largest[label]), edgecolor="0.3", linewidth=0.5, label=label)
@@ -286,7 +286,7 @@ def manifold_line(
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
-            sides.append(folded(grown.tau[start:end], grown.v[start:end], v_max))
+            sides.append(fold_line(grown.tau[start:end], grown.v[start:end], v_max))
     return _joined(sides), why
 
 

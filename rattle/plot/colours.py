@@ -73,7 +73,7 @@ def _label(motion: Motion) -> str | Label:
     )
 
 
-def name_of(motion: Motion) -> str:
+def legend_name(motion: Motion) -> str:
     """Return the legend's name of a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
     label = _label(motion)
     return label if isinstance(label, str) else f"P({','.join(map(str, label))})"

@@ -21,7 +21,7 @@ from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.numerics.complex_step import Array
 from rattle.plot import paper_ranges as ranges
-from rattle.plot.colours import name_of as name_of_type
+from rattle.plot.colours import legend_name as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
 from rattle.stiff.bifurcations.diagram import diagram as stiff_diagram

@@ -78,8 +78,8 @@ class Population:
         What is undecided widens the interval, and counts as not quiet in the value.
         """
         energy = self.gears.energy
-        low = share((energy == 0.0).mean(axis=1))
-        return Estimate(low.value, low.low, share((~(energy > 0.0)).mean(axis=1)).high)
+        low = mean_share((energy == 0.0).mean(axis=1))
+        return Estimate(low.value, low.low, mean_share((~(energy > 0.0)).mean(axis=1)).high)
 
     @property
     def undecided(self) -> float:
@@ -182,7 +182,7 @@ def means(energy: Array) -> Array:
     return np.divide(np.nansum(energy, axis=1), known, out=np.full(len(energy), np.nan), where=known > 0)
 
 
-def share(shares: Array) -> Estimate:
+def mean_share(shares: Array) -> Estimate:
     """Return the mean of shares of independent gears (n,).
 
     Wilson's interval for as many independent samples as have the variance that the gears show; gears that are all alike

@@ -72,12 +72,12 @@ def blocks(delta: Array, count: int) -> list[slice]:
 def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
     """Σv²/2 per revolution of what so many samples of each gear come to, (n, count), rising, NaN last."""
     tau, v = states(plan, points, count, seed)
-    table, row, cells, how = followed(points, tau, v, plan.budget)
+    table, row, cells, how = follow_gears(points, tau, v, plan.budget)
     energy = intensities_of(table, cells, how).energy
     return np.sort(np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
 
 
-def followed(
+def follow_gears(
     points: Points, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
     """Return the attractors of states (n, count) of gears (n,), the row of each state, and data for intensities."""

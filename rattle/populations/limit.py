@@ -18,7 +18,7 @@ from rattle.machine import Machine
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
 from rattle.models import MODELS, Capability
 from rattle.numerics.sampling import initial_conditions, wilson_interval
-from rattle.populations.gears import followed
+from rattle.populations.gears import follow_gears
 from rattle.populations.plan import LARGEST_SEED, MOST_SHARE
 from rattle.populations.tolerances import is_machine, points_of, require_known
 
@@ -199,7 +199,7 @@ class _Solver:
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
         speeds = sampled_speeds(NATURAL, at.delta, at.epsilon, at.beta)
-        table, row, _cells, _how = followed(points, tau, v * speeds[:, None], self.budget)
+        table, row, _cells, _how = follow_gears(points, tau, v * speeds[:, None], self.budget)
         kind = table.kind[row]
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 

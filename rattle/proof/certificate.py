@@ -90,7 +90,7 @@ class Certificate:
         return json.dumps(self.document(), ensure_ascii=False)
 
 
-def exact(name: str, value: Exact) -> Fraction:
+def exact_number(name: str, value: Exact) -> Fraction:
     """Return a decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
     if isinstance(value, str):
         if NUMBER.fullmatch(value):

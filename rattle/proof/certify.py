@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rattle.errors import ParameterError, require
 from rattle.orbits.periodic import Periodic
-from rattle.proof.certificate import Certificate, Exact, exact
+from rattle.proof.certificate import Certificate, Exact, exact_number
 
 SAME = 1e-14  # relative difference that rounding may leave
 
@@ -44,7 +44,7 @@ def certify(
         if has is None:
             require(given is None, f"this gear has no {name}: leave it out")
             continue
-        parameters[name] = exact(name, has if given is None else given)
+        parameters[name] = exact_number(name, has if given is None else given)
         if abs(float(parameters[name]) - has) > SAME * abs(has):
             raise ParameterError(f"{name} of the motion is {has!r}: it was not computed at {given}")
     from rattle.proof.finder import certified  # with python-flint, which only proofs need

@@ -60,7 +60,7 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     NotProvedError
         Also if that is farther away than rounding can have left.
     """
-    about, centre = refined(equations, start)
+    about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
     step, small = about * column(equations(x).residual), tight()
     for radius in RADII:
@@ -75,7 +75,7 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     raise NotProvedError("no box about the motion is mapped into itself: it is too close to a bifurcation")
 
 
-def refined(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
+def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
     """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method.
 
     Then all of its places follow from the equations alone, not from how a machine adds doubles.

@@ -47,7 +47,7 @@ class OrbitEnd:
     orbit: TrackedOrbit | None = None
 
 
-def between(start: Parameters, end: Parameters, share: float) -> AnyGear:
+def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
     """Return the gear at a share of the way between two points."""
     return gear_at(start.towards(end, share))
 
@@ -66,13 +66,13 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
         The end of the orbit.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _solved(between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
+    last = _solved(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
     if last is None:
         return OrbitEnd(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]
     while step > LEAST_STEP:
         ahead = min(share + step, 1.0)
-        found = _solved(between(start, end, ahead), at)
+        found = _solved(gear_between(start, end, ahead), at)
         if found is None or not (found.admissible and found.stable):
             step *= 0.5
             continue
@@ -140,11 +140,11 @@ def _cause(
     """Why an orbit ends soon, and how soon it will."""
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:
-        if _was_doubled(between(start, end, share), at):
+        if _was_doubled(gear_between(start, end, share), at):
             return FLIP, _to_zero(trail, -1.0, 1)
         return SADDLE_NODE, _to_zero(trail, -1.0, 2)
     if np.abs(multipliers + 1.0).min() < AT_ONE:
         return FLIP, _to_zero(trail, 1.0, 1)
-    beyond = _solved(between(start, end, min(share + BESIDE, 1.0)), at)
+    beyond = _solved(gear_between(start, end, min(share + BESIDE, 1.0)), at)
     # it goes on where it does not happen, or meets another wall
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

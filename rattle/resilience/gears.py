@@ -43,7 +43,7 @@ def same(one: Attractor, other: Attractor, unit: float) -> bool:
     return one.kind != "periodic" or bool(near)
 
 
-def path_of(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
+def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
     """Return the points (n,) of a path of parameters, whose own points (k, 2 or more) begin with δ, ε, β.
 
     Parameters

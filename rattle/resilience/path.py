@@ -21,7 +21,7 @@ from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulated_at
 from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, OrbitEnd, TrackedOrbit, end_of
-from rattle.resilience.gears import States, path_of, unit_of
+from rattle.resilience.gears import States, path_points, unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
@@ -157,7 +157,7 @@ def global_continuation(
     ParameterError
         If an argument is outside its domain.
     """
-    points = path_of(path, beta, added, steps)
+    points = path_points(path, beta, added, steps)
     given = None if states is None else states_of(*states)
     sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
     count = sample.count

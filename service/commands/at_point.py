@@ -50,12 +50,12 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
     """
 
     def given_point(command: Command) -> Command:
-        return with_options(command, OPTIONS, lambda given: point_of(given, timed))
+        return with_options(command, OPTIONS, lambda given: point_of_options(given, timed))
 
     return given_point
 
 
-def point_of(given: dict[str, Any], timed: bool) -> GivenPoint:
+def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     """Return the point that OPTIONS describe, in one of the two ways."""
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}

@@ -33,7 +33,7 @@ def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> t
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
-def name_of(attractor: Attractor) -> str:
+def attractor_name(attractor: Attractor) -> str:
     """Its label, or its kind."""
     label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus})"
     return label if attractor.kind == "periodic" else attractor.kind
@@ -65,7 +65,7 @@ def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, 
             whole, velocity = machine.in_si(found), machine.units.velocity
             loud = [_number(whole.power), _number(whole.power_error), _number(round(whole.level, 2))]
         table.add_row(
-            name_of(each),
+            attractor_name(each),
             *(f"{share:.4f}" for share in (each.fraction, *each.fraction_interval)),
             *(_number(x) for x in (found.impacts_plus, found.impacts_minus)),
             *(_number(x * velocity) for x in (found.mean_speed, found.largest_speed)),

@@ -87,7 +87,7 @@ def certify(
     elif point is not None:
         _prove_point(*point, beta, numbers)
     elif codimension_two:
-        _write(bifurcations.codimension_two(beta))
+        _write(bifurcations.codimension_two_certificates(beta))
     elif store is not None and curves:
         _write(bifurcations.points_of_curves(store, slice_))
     elif store is not None:
@@ -160,10 +160,10 @@ def _theorem(line: str) -> object:
 def _prove_point(delta: str, epsilon: str, beta: str, added: Mapping[str, str]) -> None:
     import rattle
     from rattle.models import model_of
-    from rattle.proof.certificate import exact
+    from rattle.proof.certificate import exact_number
 
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, **added}
-    numbers = {name: float(exact(name, text)) for name, text in given.items()}
+    numbers = {name: float(exact_number(name, text)) for name, text in given.items()}
     gear = model_of(**{name: numbers[name] for name in ("beta", *added)}).gear(numbers["delta"], numbers["epsilon"])
     starts = [(orbit.tau, orbit.v, orbit.n_plus) for orbit in gear.orbits()]
     starts += [(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.m > 1 or each.n_plus > 1]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
 
 
-def codimension_two(beta: str) -> Iterator[BifurcationCertificate]:
+def codimension_two_certificates(beta: str) -> Iterator[BifurcationCertificate]:
     """COD20 to COD23."""
     from rattle.proof.bifurcations.prove import certify_codimension_two
 

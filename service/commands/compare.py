@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.at_point import GivenPoint, at_point
-from gear_rattle.service.commands.attractors import name_of
+from gear_rattle.service.commands.attractors import attractor_name
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
     for near in found.near:
         rates = near.intensity.impacts_plus, near.intensity.impacts_minus, near.intensity.energy
         columns = f"{near.attractor.fraction:.4f}", *(f"{x:.6g}" for x in rates), f"{near.distance:.4g}"
-        nearest.add_row(name_of(near.attractor), *columns)
+        nearest.add_row(attractor_name(near.attractor), *columns)
     console.print(nearest)
     console.print(_histogram(found))
 
@@ -101,8 +101,8 @@ def _histogram(found: Comparison) -> Table:
     columns = [("driving side", found.histogram[0]), ("other side", found.histogram[1])]
     if found.near:
         nearest = found.near[0]
-        columns[1:1] = [(name_of(nearest.attractor), nearest.histogram[0])]
-        columns.append((name_of(nearest.attractor), nearest.histogram[1]))
+        columns[1:1] = [(attractor_name(nearest.attractor), nearest.histogram[0])]
+        columns.append((attractor_name(nearest.attractor), nearest.histogram[1]))
     title = "impacts per revolution in each part of the phase"
     table = Table("phase", *(name for name, _ in columns), box=None, title=title, title_justify="left")
     most = max(float(values.max()) for _, values in columns)

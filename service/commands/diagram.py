@@ -42,7 +42,7 @@ def diagram(
     from rich.console import Console
     from rich.table import Table
 
-    from gear_rattle.service.commands.drawing import require_writable, write
+    from gear_rattle.service.commands.drawing import require_writable, write_figure
     from gear_rattle.service.commands.progress import compiling_told
     from rattle.models import model_of
 
@@ -68,7 +68,7 @@ def diagram(
             f"{len(found.left_out)} branches left out, as they have more than 8 impacts per period or are too many"
         )
     if picture is not None:
-        write(found.plot(), picture)
+        write_figure(found.plot(), picture)
 
 
 def _ends(option: str, text: str) -> tuple[float, float]:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
+def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -> None:
     """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format.
 
     Parameters
@@ -25,10 +25,10 @@ def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
 
     with open_results(store) as dataset:
         picture = survey_figure(slice_of(dataset, slice_number))
-    write(picture, out)
+    write_figure(picture, out)
 
 
-def write(picture: Figure, out: Path) -> None:
+def write_figure(picture: Figure, out: Path) -> None:
     """Write a picture; the suffix is the format."""
     from gear_rattle.service.errors import ServiceError
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.drawing import draw
+from gear_rattle.service.commands.drawing import draw_survey
 from gear_rattle.service.commands.options import NO_NUMBERS, Slice, with_added
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def figure(
             )
     if len(what) > 2:
         raise typer.BadParameter("give a survey and one picture, or numbers of figures", param_hint="STORE")
-    draw(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
+    draw_survey(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
 
 
 def _requests(

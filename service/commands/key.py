@@ -62,7 +62,7 @@ def add(
 
 
 @app.command("list", epilog="Example: rattle key list")
-def list_(data: Data = None, database_url: DatabaseUrl = None) -> None:
+def list_keys(data: Data = None, database_url: DatabaseUrl = None) -> None:
     """List the keys, revoked ones too; never what is secret of them."""
     from rich.console import Console
     from rich.table import Table

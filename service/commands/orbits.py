@@ -15,13 +15,13 @@ def orbits(point: GivenPoint) -> None:
     from rich.table import Table
 
     from rattle.models import model_at
-    from rattle.orbits import in_words
+    from rattle.orbits import region_in_words
 
     gear, machine = point.gear, point.machine
     found = model_at(gear).limits(gear.delta)
     limits = [(name, value) for field, name in NAMES.items() if (value := getattr(found, field)) is not None]
     console = Console(highlight=False, width=WIDTH)
-    console.print(f"{point.words}: {in_words(gear.region())}")
+    console.print(f"{point.words}: {region_in_words(gear.region())}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:
         length = machine.units.length

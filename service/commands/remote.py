@@ -38,7 +38,7 @@ def submit(
         job = client.submit(request, idempotency_key=key, force=force)
         typer.echo(job.id)
         if watch:
-            follow(job)
+            follow_job(job)
 
 
 def list_(
@@ -76,7 +76,7 @@ def watch(
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
-        follow(_job(client, job_id))
+        follow_job(_job(client, job_id))
 
 
 def describe(
@@ -111,7 +111,7 @@ def _job(client: Client, job_id: str) -> Job:
         raise typer.BadParameter(f"the service has no survey and no population {job_id}: see rattle list") from error
 
 
-def follow(job: Job) -> None:
+def follow_job(job: Job) -> None:
     """Show how far it is until it ends, and then what is known."""
     from gear_rattle.service.commands.progress import reporter
 

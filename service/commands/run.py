@@ -31,7 +31,7 @@ def run(
 
     The same command resumes an interrupted survey (Ctrl-C, SIGTERM, a crash); the numbers are the same to the last bit.
     """
-    from gear_rattle.service.commands.drawing import draw, require_writable
+    from gear_rattle.service.commands.drawing import draw_survey, require_writable
 
     if figure is not None:
         if request.third:
@@ -42,7 +42,7 @@ def run(
     fill(request, out, scheduler, workers)
     _summarise(out)
     if figure is not None:
-        draw(out, figure)
+        draw_survey(out, figure)
 
 
 def _percent(share: float) -> str:

@@ -50,7 +50,7 @@ def serve(
     from gear_rattle.service.commands.signals import stop_requested
     from gear_rattle.service.jobs.opening import opened
     from gear_rattle.service.observability.logs import log_config
-    from gear_rattle.service.web.server import run
+    from gear_rattle.service.web.server import run_server
 
     settings = settings_of(
         host=host,
@@ -74,7 +74,7 @@ def serve(
             err=True,
         )
     with stop_requested() as asked_to_stop:  # uvicorn raises the signal again after a clean shutdown
-        started = run(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
+        started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:
         raise typer.Exit(1)
 

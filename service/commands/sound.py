@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.at_point import GivenPoint, at_point
-from gear_rattle.service.commands.attractors import SpeedLimit, found_at, name_of
+from gear_rattle.service.commands.attractors import SpeedLimit, attractor_name, found_at
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def sound(
     heard = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
     _write(out, heard, rate, full_scale)
     share = f"{100 * chosen.fraction:.3g} % of the initial conditions"
-    typer.echo(f"{out}: {name_of(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
+    typer.echo(f"{out}: {attractor_name(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
 
 
 def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:

@@ -88,7 +88,7 @@ OPTIONS: dict[str, Any] = {
     ),
     "bound": _option(
         float,
-        "Largest share of filled cells that may be wrong, with 95 % confidence; more are computed until then (--refine).",
+        "Largest share of filled cells that may be wrong, with 95 % confidence; more are computed until then.",
         metavar="SHARE",
     ),
     "certify": Annotated[

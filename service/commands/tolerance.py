@@ -10,7 +10,7 @@ import typer
 from gear_rattle.service.commands import options
 from gear_rattle.service.commands.filling import fill
 from gear_rattle.service.commands.population_tables import print_population
-from gear_rattle.service.commands.remote import Force, Key, Watch, follow
+from gear_rattle.service.commands.remote import Force, Key, Watch, follow_job
 
 if TYPE_CHECKING:
     from gear_rattle.workers import PopulationRequest
@@ -98,7 +98,7 @@ def _submit(request: PopulationRequest, url: str, key: str | None, force: bool, 
         job = client.submit_population(request, idempotency_key=key, force=force)
         typer.echo(job.id)
         if watch:
-            follow(job)
+            follow_job(job)
 
 
 def _request(
@@ -113,7 +113,7 @@ def _request(
 
     import rattle
     from gear_rattle.workers import PopulationRequest
-    from gear_rattle.workers.populations.numbers import described
+    from gear_rattle.workers.populations.numbers import as_requested
     from gear_rattle.workers.survey.axes import place_and_reason
     from rattle.populations import Tolerances, distribution_of
 
@@ -121,7 +121,7 @@ def _request(
         try:
             return float(text)
         except ValueError:
-            return described(distribution_of(text))
+            return as_requested(distribution_of(text))
 
     try:
         gear: dict[str, Any] = {name: text if name == "drive" else read(text) for name, text in numbers.items()}
@@ -135,7 +135,7 @@ def _request(
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
                 raise typer.BadParameter(f"what varies is in {measured}: give plain numbers for all else")
-            gear |= {name: described(each) for name, each in found.items()}
+            gear |= {name: as_requested(each) for name, each in found.items()}
         elif pairs:
             matrix = _matrix(Tolerances({**numbers}).names, pairs)
         given = {name: read(text) for name, text in shock.items() if text is not None}

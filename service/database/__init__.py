@@ -12,7 +12,7 @@ from gear_rattle.service.database.engine import open_engine, shown
 from gear_rattle.service.database.hold import Hold, hold
 from gear_rattle.service.database.identity import NewJob
 from gear_rattle.service.database.keys import Keys
-from gear_rattle.service.database.schema import is_current, upgrade
+from gear_rattle.service.database.schema import is_current, upgrade_schema
 from gear_rattle.service.database.surveys import DoneTile, Surveys
 from gear_rattle.service.errors import DataDirectoryError
 
@@ -74,7 +74,7 @@ class Database(Surveys, Keys):
         if current and not exclusive:
             return
         self._hold = hold(self._reader)
-        upgrade(self._reader)
+        upgrade_schema(self._reader)
         if exclusive:
             self._write_with(self._hold.writer)
             with self._write() as (_, service):

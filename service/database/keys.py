@@ -10,7 +10,7 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 from sqlalchemy.sql import Select
 
-from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, now
+from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, timestamp
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import UnknownKeyError
 
@@ -74,7 +74,7 @@ class Keys(Transactions):
             key = session.get(KeyRow, key_id) if "\0" not in key_id else None
             if key is None:
                 raise UnknownKeyError(key_id)
-            key.revoked = key.revoked or now()
+            key.revoked = key.revoked or timestamp()
             session.execute(delete(SessionRow).where(SessionRow.key == key_id))
         return key
 
@@ -88,11 +88,11 @@ class Keys(Transactions):
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
         """Sign a browser in for so long; what has expired is forgotten."""
         with self._write() as (session, _):
-            session.execute(delete(SessionRow).where(SessionRow.expires <= now()))
+            session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
             surplus = session.scalars(older.offset(MOST_SESSIONS - 1)).all()
             session.execute(delete(SessionRow).where(SessionRow.hash.in_(surplus)))
-            session.add(SessionRow(hash=session_hash, key=key_id, expires=now(seconds)))
+            session.add(SessionRow(hash=session_hash, key=key_id, expires=timestamp(seconds)))
 
     def key_by_session(self, session_hash: str) -> KeyRow | None:
         """Return the key that a browser has signed in with, unless that has expired, or the key was revoked."""
@@ -122,4 +122,4 @@ def _sessions_in(session: Session, hashes: set[str]) -> set[str]:
 
 def _live_sessions(what: Select[tuple[Any]]) -> Select[tuple[Any]]:
     joined = what.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
-    return joined.where(SessionRow.expires > now(), KeyRow.revoked.is_(None))
+    return joined.where(SessionRow.expires > timestamp(), KeyRow.revoked.is_(None))

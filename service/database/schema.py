@@ -56,7 +56,7 @@ def is_current(engine: Engine) -> bool:
         return revision == head
 
 
-def upgrade(engine: Engine) -> None:
+def upgrade_schema(engine: Engine) -> None:
     """Bring the schema to the present, data included, in one transaction. Whoever calls holds the database."""
     from alembic import command
 

@@ -21,7 +21,7 @@ from gear_rattle.service.database.tables import (
     ServiceRow,
     State,
     TileRow,
-    now,
+    timestamp,
 )
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
@@ -188,9 +188,9 @@ class Surveys(Transactions):
                 return False
             job.state, job.message = state, _storable(message)
             if state == State.RUNNING and job.started is None:
-                job.started = now()
+                job.started = timestamp()
             if state.final:
-                job.finished = now()
+                job.finished = timestamp()
             _add_state_event(session, job)
         self._on_change(survey_id)
         return True

@@ -39,7 +39,7 @@ UNREADABLE = (
 IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
-def now(later: float = 0.0) -> str:
+def timestamp(later: float = 0.0) -> str:
     """Return the present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
     return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
@@ -69,7 +69,7 @@ class JobRow(Table):
     tiles_done: Mapped[int] = mapped_column(default=0)
     cells_failed: Mapped[int] = mapped_column(default=0)
     last_event: Mapped[int] = mapped_column(default=0)
-    created: Mapped[str] = mapped_column(default=now)
+    created: Mapped[str] = mapped_column(default=timestamp)
     started: Mapped[str | None]
     finished: Mapped[str | None]
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
@@ -137,7 +137,7 @@ class EventRow(Table):
     id: Mapped[int] = mapped_column(primary_key=True)
     kind: Mapped[str]
     data: Mapped[dict[str, Any]] = mapped_column(JSON)
-    at: Mapped[str] = mapped_column(default=now)
+    at: Mapped[str] = mapped_column(default=timestamp)
 
 
 class AnsweredRow(Table):
@@ -151,7 +151,7 @@ class AnsweredRow(Table):
     idempotency_key: Mapped[str] = mapped_column(primary_key=True)
     body_hash: Mapped[str]
     job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), index=True)
-    at: Mapped[str] = mapped_column(default=now)
+    at: Mapped[str] = mapped_column(default=timestamp)
 
 
 class Scope(StrEnum):
@@ -172,7 +172,7 @@ class KeyRow(Table):
     scopes: Mapped[list[str]] = mapped_column(JSON)
     max_cells: Mapped[int | None]
     max_running: Mapped[int | None]
-    created: Mapped[str] = mapped_column(default=now)
+    created: Mapped[str] = mapped_column(default=timestamp)
     revoked: Mapped[str | None]
 
 
@@ -183,7 +183,7 @@ class SessionRow(Table):
 
     hash: Mapped[str] = mapped_column(primary_key=True)
     key: Mapped[str] = mapped_column(ForeignKey("keys.id", ondelete="CASCADE"), index=True)
-    created: Mapped[str] = mapped_column(default=now)
+    created: Mapped[str] = mapped_column(default=timestamp)
     expires: Mapped[str]
 
 

@@ -36,7 +36,7 @@ class Written:
     last: bool
 
 
-def written(rows: Sequence[EventRow]) -> list[Written]:
+def written_event(rows: Sequence[EventRow]) -> list[Written]:
     """Events of the database as they are sent."""
     return [
         Written(
@@ -94,7 +94,7 @@ class Feed:
                 if rows:
                     self._stale.set()  # perhaps more than one read gives
                     self._last = rows[-1].id
-                    self._recent = (self._recent + written(rows))[-KEPT:]
+                    self._recent = (self._recent + written_event(rows))[-KEPT:]
             if self.deleted or rows:
                 # Some at a time: between them, what else has arrived is answered.
                 listeners = tuple(self.listeners)

@@ -13,7 +13,7 @@ from gear_rattle.service.operations.windows import Windows, inside, is_coarse
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
-from gear_rattle.workers.pictures.planes import numbers
+from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 from rattle.models import Model
 
@@ -80,7 +80,7 @@ class Overlaid:
             frame = await self.windows.finest(request, asked.variable, asked.index, window, pixels)
         except SurveyError:  # it lies outside the plane, or is too narrow: the page has the survey's cells there, too
             return None
-        return Finer(frame.delta, frame.epsilon, numbers(frame.values))
+        return Finer(frame.delta, frame.epsilon, drawn_numbers(frame.values))
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:

@@ -29,7 +29,7 @@ def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
                     "delta": point.delta,
                     "epsilon": point.epsilon,
                     "curves": point.curves,
-                    "tangency": [{"curves": pair, "order": number(p)} for pair, p in point.tangency.items()],
+                    "tangency": [{"curves": pair, "order": json_number(p)} for pair, p in point.tangency.items()],
                 }
                 for point in model.codimension_two()
             ],
@@ -74,8 +74,8 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
                 "m": orbit.m,
                 "n_plus": orbit.n_plus,
                 "n_minus": orbit.n_minus,
-                "tau": number(orbit.tau),
-                "v": number(orbit.v),
+                "tau": json_number(orbit.tau),
+                "v": json_number(orbit.v),
                 "multipliers": [_complex(value) for value in orbit.multipliers],
                 "stable": orbit.stable,
             }
@@ -92,13 +92,13 @@ def intensities(
 
 
 def _limit(value: float | None) -> float | None:
-    return None if value is None else number(value)
+    return None if value is None else json_number(value)
 
 
 def _complex(value: complex) -> dict[str, float | None]:
-    return {"re": number(value.real), "im": number(value.imag)}
+    return {"re": json_number(value.real), "im": json_number(value.imag)}
 
 
-def number(value: float) -> float | None:
+def json_number(value: float) -> float | None:
     """JSON has neither NaN nor infinity; both occur where something overflows at extreme parameters."""
     return float(value) if math.isfinite(value) else None

@@ -17,7 +17,7 @@ import numpy as np
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.state import Front
-from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
+from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined_frames, window_survey
 from gear_rattle.workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2
@@ -52,8 +52,8 @@ class Windows:
     async def frames(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> AsyncGenerator[Frame, None]:
-        """Yield the frames of `refine`, the last of which is kept."""
-        async with aclosing(refine(self._front, request, variable, index, window, pixels)) as frames:
+        """Yield the frames of `refine_window`, the last of which is kept."""
+        async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
                     self._keep(self._key(request, variable, index, window, pixels), frame)
@@ -62,7 +62,7 @@ class Windows:
     async def finest(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """Return the last of these frames, the same whether it is kept or computed. Raises as `refine`."""
+        """Return the last of these frames, the same whether it is kept or computed. Raises as `refine_window`."""
         found = self._kept.get(self._key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
@@ -82,7 +82,7 @@ class Windows:
             self._kept.popitem(last=False)
 
 
-async def refine(
+async def refine_window(
     front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
 ) -> AsyncGenerator[Frame, None]:
     """Compute a map of a window of the plane, about pixels (along δ, along ε) of it: frames ever finer.
@@ -155,7 +155,7 @@ class _Refinement:
         try:
             with (
                 front.manager.lent_client() as client,
-                closing(refined(client, survey, variable, index, self._stopping.is_set)) as frames,
+                closing(refined_frames(client, survey, variable, index, self._stopping.is_set)) as frames,
             ):
                 for frame in frames:
                     self._hand_over(frame)

@@ -50,7 +50,7 @@ class Survey(Standing):
     @classmethod
     def of(cls, job: JobRow) -> Survey:
         """Return the document of a job."""
-        return cls(**standing(job), notes=job.notes, links=_links(job))
+        return cls(**status_fields(job), notes=job.notes, links=_links(job))
 
 
 class SurveyDetail(Survey):
@@ -63,7 +63,7 @@ class SurveyDetail(Survey):
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
         """Return the document of a job with its failed cells."""
         asked = request_shown(job)
-        return cls(**standing(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
+        return cls(**status_fields(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
 
 
 class SurveyList(BaseModel):
@@ -95,7 +95,7 @@ def _links(job: JobRow) -> Links:
     return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png", certificates=asked)
 
 
-def standing(job: JobRow) -> dict[str, Any]:
+def status_fields(job: JobRow) -> dict[str, Any]:
     """Return the fields of `Standing`."""
     state, message = job.shown
     return {

@@ -17,7 +17,7 @@ from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
-from gear_rattle.service.jobs.broadcast import written
+from gear_rattle.service.jobs.broadcast import written_event
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
@@ -102,7 +102,7 @@ async def _events(front: Front, survey_id: str, seen: int, last: int, closing: a
                 grown.clear()
                 later = feed.after(seen)
                 if later is None:
-                    later = written(await run_in_threadpool(read, survey_id, seen))
+                    later = written_event(await run_in_threadpool(read, survey_id, seen))
                 if later:
                     seen = later[-1].id
                     yield b"".join(event.text for event in later)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.kernels import KernelPurpose
-from gear_rattle.service.operations.points import number
+from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import with_queries
 from gear_rattle.service.routes.model.machine import (
@@ -18,7 +18,7 @@ from gear_rattle.service.routes.model.machine import (
     ECCENTRICITY,
     INERTIA,
     LINE,
-    positive,
+    positive_query,
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
 from gear_rattle.service.state import FrontState
@@ -54,15 +54,15 @@ class LimitsDocument(BaseModel):
 
 @with_queries(ADDED_QUERIES)
 async def numbers_of_query(
-    delta: Annotated[float | None, positive("damping", 0.6)] = None,
-    epsilon: Annotated[float | None, positive("eccentricity", zero=True)] = None,
-    beta: Annotated[float | None, positive("half-backlash, by default 0.6")] = None,
-    inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, positive(DRAG)] = None,
-    backlash: Annotated[float | None, positive(LINE)] = None,
-    eccentricity: Annotated[float | None, positive(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, positive("m, of the base circle")] = None,
-    rpm: Annotated[float | None, positive("revolutions per minute")] = None,
+    delta: Annotated[float | None, positive_query("damping", 0.6)] = None,
+    epsilon: Annotated[float | None, positive_query("eccentricity", zero=True)] = None,
+    beta: Annotated[float | None, positive_query("half-backlash, by default 0.6")] = None,
+    inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
@@ -90,8 +90,8 @@ async def limits(
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
         Query(max_length=MOST_VALUES, description="of that, each a parameter of its own"),
     ] = None,
-    low: Annotated[float | None, positive("least value that is looked at", zero=True)] = None,
-    high: Annotated[float | None, positive("largest value that is looked at")] = None,
+    low: Annotated[float | None, positive_query("least value that is looked at", zero=True)] = None,
+    high: Annotated[float | None, positive_query("largest value that is looked at")] = None,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
@@ -137,4 +137,4 @@ def found_limits(
 
 
 def _document(at: float | None, found: Limit) -> LimitDocument:
-    return LimitDocument(at=at, **{name: number(value) for name, value in found._asdict().items()})
+    return LimitDocument(at=at, **{name: json_number(value) for name, value in found._asdict().items()})

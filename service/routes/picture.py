@@ -225,7 +225,7 @@ def _caption(job: JobRow, address: str) -> str:
 
 def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
-    from gear_rattle.workers.pictures.levels import groups_of
+    from gear_rattle.workers.pictures.levels import levels_in_groups
     from gear_rattle.workers.pictures.maps import (
         map_picture,
     )  # matplotlib: a second for who asks first, not for every start
@@ -233,5 +233,5 @@ def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     opened = partial(open_survey, place)
     with_families = SHARE if asked.look.family is not None else asked.variable
     with open_maps(opened, with_families, asked.slice) as dataset:
-        levels = groups_of(opened, asked.slice, has_added(place, LEVELS))
+        levels = levels_in_groups(opened, asked.slice, has_added(place, LEVELS))
         return map_picture(dataset, asked.variable, asked.index, levels, asked.look, form, over)

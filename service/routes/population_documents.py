@@ -7,8 +7,8 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.database.tables import JobKind, JobRow
-from gear_rattle.service.operations.points import number
-from gear_rattle.service.routes.documents import Standing, path_of, request_shown, standing
+from gear_rattle.service.operations.points import json_number
+from gear_rattle.service.routes.documents import Standing, path_of, request_shown, status_fields
 from rattle import Estimate, Population, RattleError
 
 
@@ -29,7 +29,7 @@ class PopulationDocument(Standing):
     @classmethod
     def of(cls, job: JobRow) -> PopulationDocument:
         """Return the document of a job."""
-        return cls(**standing(job), links=_links(job))
+        return cls(**status_fields(job), links=_links(job))
 
 
 class PopulationDetail(PopulationDocument):
@@ -41,7 +41,7 @@ class PopulationDetail(PopulationDocument):
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
         """Return the document of a job with its failed gears."""
-        return cls(**standing(job), links=_links(job), request=request_shown(job), failures=failures)
+        return cls(**status_fields(job), links=_links(job), request=request_shown(job), failures=failures)
 
 
 class PopulationList(BaseModel):
@@ -70,7 +70,7 @@ class Interval(BaseModel):
     @classmethod
     def of(cls, found: Estimate) -> Interval:
         """Return the document of an estimate."""
-        return cls(**{name: number(value) for name, value in found._asdict().items()})
+        return cls(**{name: json_number(value) for name, value in found._asdict().items()})
 
 
 class IndexDocument(BaseModel):
@@ -117,7 +117,7 @@ def answers_document(found: Population) -> Answers:
         intensity={str(q): Interval.of(each) for q, each in intensity.items()} or None,
         quiet_indices=_indices(found, "quiet"),
         energy_indices=_indices(found, "energy"),
-        worst=[WorstDocument(**each._asdict() | {"energy": number(each.energy)}) for each in found.worst()],
+        worst=[WorstDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
     )
 
 

@@ -37,7 +37,7 @@ MAX_MESSAGE_BYTES = 1 << 20
 log = logging.getLogger("uvicorn.error")
 
 
-def run(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_stop: threading.Event) -> bool:
+def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_stop: threading.Event) -> bool:
     """Serve the application until SIGINT or SIGTERM.
 
     Parameters

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gear_rattle.workers.boundaries.labels import labels_of
+from gear_rattle.workers.boundaries.labels import labels_on_curve
 from gear_rattle.workers.survey.crossings import Crossings
 from rattle import FamilyTable
 from rattle.attractors import CHAOTIC
@@ -101,6 +101,6 @@ def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable
 
 def _concerned(table: FamilyTable, name: str) -> np.ndarray:
     """Return whether a curve makes or ends motions of these families' labels; chaos has none."""
-    known = labels_of(name)
+    known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
-from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, crossed, name_of
+from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_on_curve
+from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, crossed_pairs, label_name
 from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
 from rattle.curves import Curve
@@ -131,7 +131,7 @@ class _Search:
         self.pairs = self.grid.differing()
         for name in curves.NAMES:
             curve = curves.trace(name, self.grid.beta, *self.window)
-            self._add(curve, labels_of(name), name not in ("PDC", "quiet_limit"))
+            self._add(curve, labels_on_curve(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
         self.often = Counter(label for n in range(len(self.pairs)) for label in self.uncovered(n))
 
@@ -241,7 +241,7 @@ class _Search:
         return found
 
     def _add(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
-        self.known.append(KnownCurve(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
+        self.known.append(KnownCurve(curve, labels, bounds_regions, crossed_pairs(curve, self.grid, self.pairs)))
 
 
 def _labels_at(event: Event) -> frozenset[Label]:
@@ -267,7 +267,7 @@ def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractor
         if pairs.region[n] and not region[n]:
             change = "region " + " | ".join(REGIONS[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
         else:
-            change = " and ".join(name_of(label) for label in search.uncovered(n))
+            change = " and ".join(label_name(label) for label in search.uncovered(n))
         groups.setdefault((change, why.get(n, "")), []).append(n)
     found = [
         Rest(change, reason, len(members), (grid.point(pairs.first[members[0]]), grid.point(pairs.second[members[0]])))

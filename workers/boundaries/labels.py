@@ -7,7 +7,7 @@ Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 
 
-def labels_of(name: str) -> frozenset[Label]:
+def labels_on_curve(name: str) -> frozenset[Label]:
     """Return the attractors that a period-one curve makes or ends.
 
     The stiff gear's curves have the names of their limits.

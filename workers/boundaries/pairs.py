@@ -150,7 +150,7 @@ class _Families:
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
-def crossed(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
+def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
     """Return flags of the pairs (n,) that a curve passes between: solved for on the lines of the grid."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
@@ -166,7 +166,7 @@ def crossed(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
     return found
 
 
-def name_of(label: Label) -> str:
+def label_name(label: Label) -> str:
     """Return how an attractor is written."""
     kind, m, n_plus, n_minus = label
     return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

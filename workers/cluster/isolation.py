@@ -87,7 +87,7 @@ def _cause(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit status {code}"
 
 
-def serve() -> None:
+def serve_cells() -> None:
     """Evaluate the cells that stdin names, and write each outcome to stdout: the main function of the process."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is not an outcome

@@ -21,7 +21,7 @@ AHEAD = 2  # parts of each thread: one at work, one that waits
 LOST = "the workers are gone, or being replaced: try again in a few seconds"
 
 
-def refined(
+def refined_frames(
     client: Client, survey: SurveyRequest, variable: str, index: int, should_stop: Callable[[], bool]
 ) -> Generator[Frame, None, None]:
     """Compute a map of a window, as `window_survey` has it, on a cluster: frames ever finer, the last one complete.

@@ -17,7 +17,7 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from gear_rattle.workers.certificates import Answers, AttractorClaim, certified, certify_survey, require_proofs
+from gear_rattle.workers.certificates import Answers, AttractorClaim, certify_claims, certify_survey, require_proofs
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
 from gear_rattle.workers.cluster.isolation import compute_tile_apart
@@ -164,7 +164,7 @@ def certify_on(
     joining = Joining(client, should_stop)
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-        return joining.map(certified, [(part,) for part in parts])
+        return joining.map(certify_claims, [(part,) for part in parts])
 
     return certify_survey(survey, out, prove, joining.several(), on_done)
 

@@ -12,7 +12,7 @@ import zarr
 
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
+from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, attractors_in_slots
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
@@ -101,7 +101,7 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
     )
     with reading(f"the attractors of {place}"):
         values = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in STORED}
-    found = listed(values, request.initial_conditions.count)
+    found = attractors_in_slots(values, request.initial_conditions.count)
     return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
 
 

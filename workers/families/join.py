@@ -14,19 +14,36 @@ from gear_rattle.workers.boundaries.edges import Edges, edges_of
 from gear_rattle.workers.errors import reading, storage_error
 from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
 from gear_rattle.workers.families.move import move_tile
-from gear_rattle.workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
+from gear_rattle.workers.families.tasks import (
+    Border,
+    Connected,
+    Told,
+    connect_block,
+    enter_block,
+    tell_block,
+    write_families,
+)
 from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import known_manifest, noting
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
-from gear_rattle.workers.survey.manifest import path_of
+from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, tiles_at
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
-from rattle.families import NO_FAMILY, QUIET_FAMILY, added, in_order, no_attractors, numbers_of, tabulated, together
+from rattle.families import (
+    NO_FAMILY,
+    QUIET_FAMILY,
+    add_sums,
+    in_order,
+    no_attractors,
+    numbers_of,
+    tabulate_families,
+    together,
+)
 
 #: Of a curve in the store: its points and what joins them.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
@@ -78,13 +95,13 @@ class _Join:
         """Join the slice, and write the families of its cells: all of them, where they end, and digests of chunks."""
         curves = _curves(self._request, self._place, self.along)
         entered = self._entered()
-        parts: list[Connected] = self._of_blocks(connect, zip(entered, self._after(entered), strict=True))
+        parts: list[Connected] = self._of_blocks(connect_block, zip(entered, self._after(entered), strict=True))
         component = self._components(parts)
         told = self._told(entered, parts, component, curves)
-        sums = added(each.sums for each in told)
+        sums = add_sums(each.sums for each in told)
         family = numbers_of(sums)
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
-        table = tabulated(delta, epsilon, self._request.initial_conditions.count, sums)
+        table = tabulate_families(delta, epsilon, self._request.initial_conditions.count, sums)
         slots = self._slots(told, family, table.cells.size)
         chunks = self._written(entered, [family[each] for each in component], slots)
         orbits = together(*entered)
@@ -132,7 +149,7 @@ class _Join:
             Attractors by block.
         """
         nothing = no_attractors()
-        new: list[Attractors] = self._of_blocks(enter, [(nothing, None)] * len(self.blocks))
+        new: list[Attractors] = self._of_blocks(enter_block, [(nothing, None)] * len(self.blocks))
         entered = list(new)
         while True:
             beside = [self._beside(block, new) for block in self.blocks]
@@ -141,7 +158,7 @@ class _Join:
                 return entered
             items = [(self.blocks[i], entered[i], beside[i]) for i in again]
             new = [nothing] * len(self.blocks)
-            for i, found in zip(again, self._each(enter, self._request, str(self._place), items), strict=True):
+            for i, found in zip(again, self._each(enter_block, self._request, str(self._place), items), strict=True):
                 new[i], entered[i] = found, together(entered[i], found)
 
     def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
@@ -175,7 +192,7 @@ class _Join:
         first = [
             part.first.replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
         ]
-        return self._of_blocks(tell, zip(entered, component, self._after(first), passed, strict=True))
+        return self._of_blocks(tell_block, zip(entered, component, self._after(first), passed, strict=True))
 
     def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
         """Return the slot of each family in all its cells, and of −1."""
@@ -220,7 +237,7 @@ def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Pol
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:
             delta, epsilon, piece = (
-                np.asarray(zarr.open_array(place.zarr(), path=path_of(along, f"curves/{name}/{each}"), mode="r")[:])
+                np.asarray(zarr.open_array(place.zarr(), path=group_path(along, f"curves/{name}/{each}"), mode="r")[:])
                 for each in CURVE_POINTS
             )
             found[name] = delta, epsilon, piece

@@ -10,7 +10,7 @@ from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targe
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
-from gear_rattle.workers.survey.families import listed, with_empty
+from gear_rattle.workers.survey.families import attractors_in_slots, with_empty
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
@@ -58,7 +58,7 @@ def _source(
     """From which slot each slot of a tile (slots, m, n) gets what is in it."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
-    found = listed(values, request.initial_conditions.count)
+    found = attractors_in_slots(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
     source[target[place_in_cell(cell), cell], cell] = found.slot

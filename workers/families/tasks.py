@@ -75,7 +75,7 @@ class Told(NamedTuple):
     pairs: np.ndarray
 
 
-def enter(
+def enter_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
     """Return the attractors that enter a block, from its own and those around it.
@@ -102,7 +102,9 @@ def enter(
     return numbered_over(new, frame, columns)
 
 
-def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors) -> Connected:
+def connect_block(
+    request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors
+) -> Connected:
     """Join the attractors of a block with each other and with those that follow it.
 
     Entered: what entered the block, beside: what entered these. Keeps the component of each.
@@ -136,7 +138,7 @@ def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors
     return Connected(1 + mine.size, on_first, on_beyond, given[n : n + entered.cell.size])
 
 
-def tell(
+def tell_block(
     request: SurveyRequest,
     path: str,
     block: Block,

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
-from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import REGIONS
 from rattle.plot import HALO, new_figure
@@ -49,7 +49,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     if "region" in curves:
         axes, drawn = curves["region"]
         _name_regions(axes, dataset)
-        draw_points(axes, dataset, drawn)
+        draw_points_over(axes, dataset, drawn)
     return figure
 
 

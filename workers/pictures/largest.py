@@ -23,7 +23,7 @@ from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
-from rattle.plot import KIND_COLOURS, Palette, name_of
+from rattle.plot import KIND_COLOURS, Palette, legend_name
 
 OTHERS = 31  # the last code: as many as a level tells apart, the first of which is none
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
@@ -108,7 +108,7 @@ def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[
     found = []
     for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
         motion = (label[0], label[1], label[2])
-        name = name_of(motion) if kind == PERIODIC else {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
+        name = legend_name(motion) if kind == PERIODIC else {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
         letter = f" = {letters[motion]}" if kind == PERIODIC and motion in letters else ""
         found.append(f"{number}: {name}{letter}" if number else name)
     return found

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.workers.errors import reading
-from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
@@ -70,7 +70,7 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Lev
 
 
 def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
-    """Return the displayed cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
+    """Return the displayed cells of a map (m, n), as `drawn_numbers` has them, that begin where a level's cell does."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -150,7 +150,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
         seen = of_level(plane, stored, index, level, part.at)
     else:
         with reading(f"the map of {variable}"):
-            cells = numbers(with_periodic(dataset, plane.load(), index))
+            cells = drawn_numbers(with_periodic(dataset, plane.load(), index))
             seen = of_cells(plane, cells, np.asarray(dataset["status"]), level)
     axes = {name: centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
@@ -164,7 +164,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     )
 
 
-def groups_of(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
+def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
     """Levels of a survey, or of a slice of it, by how a group of its store is opened."""
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 

@@ -30,10 +30,10 @@ from gear_rattle.workers.pictures.look import (
     Look,
     Over,
 )
-from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
+from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels.grid import centres, halvings
-from gear_rattle.workers.survey.levels.reduce import pooled
+from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import value_along
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -178,7 +178,7 @@ def map_figure(
     curves = draw_curves(axes, dataset, lines, over)
     draw_legend(axes)
     if POINTS in lines:
-        draw_points(axes, dataset, curves)
+        draw_points_over(axes, dataset, curves)
     if look.caption:
         figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
     return figure
@@ -251,7 +251,7 @@ def draw_map(
     reach = max(float(np.abs(dataset[axis].values).max()) for axis in ("delta", "epsilon"))
     if reach > FARTHEST_DRAWN:
         raise SurveyError(f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers")
-    values = numbers(plane)
+    values = drawn_numbers(plane)
     layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing or without_value(plane))
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
@@ -316,14 +316,14 @@ def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Cover the cells in which a family is not; of cells that become one, it is in all if in any."""
     share = plane_of(dataset, SHARE, family)
     with reading(f"the map of {SHARE}"):
-        values = numbers(share)
+        values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
     level = part_for(halvings(shape), (0, 0), shape, ROOM).level
     along, across = level.cells if level else (1, 1)
     shown = Finer(
         centres(dataset["delta"].values, across),
         centres(dataset["epsilon"].values, along),
-        pooled(np.nan_to_num(values), (along, across), np.maximum),
+        pooled_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)
     _cells(axes, shown, others, ListedColormap(["white"]), Normalize(0, 1)).set_alpha(COVERED)

@@ -128,7 +128,7 @@ def meant(value: Any) -> Any:
     return getattr(value, "meant", value)
 
 
-def described(value: Any) -> Any:
+def as_requested(value: Any) -> Any:
     """Return a number as it is, a distribution as a request has it."""
     match value:
         case Normal():

@@ -30,7 +30,7 @@ class Both(BackendArray):
         return values
 
 
-def joined(dataset: xr.Dataset) -> xr.Dataset:
+def join_complex(dataset: xr.Dataset) -> xr.Dataset:
     """Return the dataset with complex variables in the place of their parts; nothing is read."""
     found: dict[str, Any] = {}
     for name, values in dataset.variables.items():

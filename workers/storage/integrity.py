@@ -16,7 +16,7 @@ from zarr.errors import ZarrUserWarning
 
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read, said_by_root, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -124,7 +124,7 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
             at = tuple(slice(i * size, (i + 1) * size) for i, size in zip(chunk, array.chunks, strict=True))
             try:
                 values = np.asarray(array[at])
-                is_lost = (name == STATUS and not values.all()) or (is_ours and read(place, key) is None)
+                is_lost = (name == STATUS and not values.all()) or (is_ours and read_file(place, key) is None)
             except SurveyError:
                 raise
             except Exception:  # what a codec raises of a damaged chunk
@@ -178,7 +178,7 @@ def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
 
 
 def _is_whole(place: Place, key: str, known: str | None) -> bool:
-    content = read(place, key)
+    content = read_file(place, key)
     return content is not None and digest(key, content) == known
 
 

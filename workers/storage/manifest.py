@@ -27,7 +27,7 @@ KNOWN = 8  # manifests that are remembered as they were parsed: each is asked fo
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
 
-def read(place: Place, key: str) -> bytes | None:
+def read_file(place: Place, key: str) -> bytes | None:
     """Return a file; None if it is not there, or the disk cannot read it.
 
     Returns
@@ -56,7 +56,7 @@ def read(place: Place, key: str) -> bytes | None:
 
 def manifest_of(place: Place) -> Manifest | None:
     """Return the manifest of a store; None if it is damaged, of another version, or not there."""
-    content = read(place, MANIFEST)
+    content = read_file(place, MANIFEST)
     return None if content is None or place.deletion_begun() else _parsed(content)
 
 
@@ -97,7 +97,7 @@ def require_there(place: Place) -> None:
 def said_by_root(place: Place) -> dict[str, Any]:
     """Return the attributes of a store's root, damaged or not; empty without one."""
     try:
-        attributes = json.loads(read(place, ROOT) or b"{}").get("attributes", {})
+        attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
     except (ValueError, AttributeError, RecursionError):
         attributes = {}
     return attributes if isinstance(attributes, dict) else {}
@@ -105,7 +105,7 @@ def said_by_root(place: Place) -> dict[str, Any]:
 
 def whole_root(place: Place, manifest: Manifest) -> bytes | None:
     """Return the metadata of a store's root; None if it is lost or damaged."""
-    content = read(place, ROOT)
+    content = read_file(place, ROOT)
     return content if content is not None and digest(ROOT, content) in manifest.root else None
 
 
@@ -201,7 +201,7 @@ def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
     return kept[ROOT].to_bytes()
 
 
-def describe(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
+def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
     """Add files to a store, and take others from its metadata: they appear and vanish with the root.
 
     Parameters
@@ -223,7 +223,7 @@ def describe(place: Place, added: Template, there: Mapping[str, str], is_removed
     manifest = known_manifest(place)
     root = _root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
-    nodes = {key: read(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
+    nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
     if any(content is None or digest(key, content) != files[key] for key, content in nodes.items() if key != ROOT):
         raise SurveyError(f"the metadata of {place} is damaged: run the survey again to repair it")
     described = nodes | {key: content for key, content in added.items() if key.endswith(f"/{ROOT}")}

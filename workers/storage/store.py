@@ -20,14 +20,14 @@ from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_tem
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import (
     attributes_of,
-    describe,
     known_manifest,
     manifest_of,
-    read,
+    read_file,
     replace_root,
     require_there,
     said_by_root,
     tell,
+    update_metadata,
     whole_root,
     with_attributes,
 )
@@ -236,7 +236,7 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
 
 def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
     """Return the chunks of a tile that are there, by their key."""
-    found = ((key, read(place, key)) for key in _keys(request, tile).values())
+    found = ((key, read_file(place, key)) for key in _keys(request, tile).values())
     return {key: content for key, content in found if content is not None}
 
 
@@ -323,7 +323,7 @@ def added_to_store(where: str | Path | Place, added: Template, there: Mapping[st
     SurveyError
         There is no survey, or it is damaged.
     """
-    describe(place_of(where), added, there, lambda _: False)
+    update_metadata(place_of(where), added, there, lambda _: False)
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
@@ -343,7 +343,7 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
         if TOLD[-1] in said_by_root(place):
             tell(place, dict.fromkeys(TOLD))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
-            describe(place, {}, {}, _is_added)
+            update_metadata(place, {}, {}, _is_added)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error
@@ -425,9 +425,9 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     dataset = prepare_for_writing(dataset)
     if as_stored:
         return dataset
-    from gear_rattle.workers.storage.complex import joined
+    from gear_rattle.workers.storage.complex import join_complex
 
-    return joined(dataset)
+    return join_complex(dataset)
 
 
 def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:

@@ -183,7 +183,7 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=128)
-def traced(name: str, model: Model, window: Window) -> Curve | Missing:
+def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
     """Return a curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
     try:
         with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
@@ -193,7 +193,7 @@ def traced(name: str, model: Model, window: Window) -> Curve | Missing:
 
 
 @lru_cache(maxsize=8)
-def crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
+def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
     """Return the passages of each curve of a model between the cells of a grid.
 
     As it is traced for the template.
@@ -204,7 +204,7 @@ def crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]
         Passages of each curve.
     """
     grid = delta.values(), epsilon.values()
-    found = (traced(name, model, window_around(*grid)) for name in model.curve_names)
+    found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
     return tuple(crossings_of(_points(curve), *grid) for curve in found)
 
 

@@ -107,7 +107,7 @@ def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
     return np.divmod(joined.entered.cell, joined.columns)
 
 
-def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
+def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
     """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n).
 
     In their order, whatever their slots, cells numbered row by row of the rectangle.

@@ -14,7 +14,7 @@ SLICES = "slices"  # the group of what slices along a third axis have beside the
 SLICE = "{slice}"  # in a key of chunks: the index along a third axis
 
 
-def path_of(along: tuple[int, ...], group: str = "") -> str:
+def group_path(along: tuple[int, ...], group: str = "") -> str:
     """Return the path of a group of a slice: below SLICES and its index along the third axis, if there is one."""
     return "/".join([*(f"{SLICES}/{index}" for index in along), *([group] if group else [])])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.survey.manifest import path_of
+from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.values.schema import FIXED
 from rattle.models import Model, model_of
 
@@ -51,7 +51,7 @@ def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
 
 def group_in(number: int | None, group: str) -> str:
     """Return where a slice has a group, or with None a survey without a third axis."""
-    return path_of(() if number is None else (number,), group)
+    return group_path(() if number is None else (number,), group)
 
 
 def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:

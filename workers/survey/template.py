@@ -20,13 +20,13 @@ from gear_rattle.workers.survey.curves import (
     POINT_VARIABLES,
     CurveVariable,
     curve_attributes,
-    traced,
+    traced_curve,
     window_around,
 )
 from gear_rattle.workers.survey.machine import AXES
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, digests, path_of
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, digests, group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.tiles import cells_of
+from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
 from gear_rattle.workers.survey.values.schema import SLOT, Quantity
 from gear_rattle.workers.survey.version import code_version
@@ -196,7 +196,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     for dim in COORDINATES:
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            write(root, dim, (dim,), values, {"long_name": about(request, dim), "units": "1"})
+            write(root, dim, (dim,), values, {"long_name": dimension_name(request, dim), "units": "1"})
     for name, (value, long_name) in fixed(request).items():
         values = value.values() if isinstance(value, Axis) else np.array(value)
         write(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
@@ -208,7 +208,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
         write(root, "eccentricity", ("epsilon",), eccentricity, described)
 
 
-def about(request: SurveyRequest, dim: str) -> str:
+def dimension_name(request: SurveyRequest, dim: str) -> str:
     """Return the long name of a dimension."""
     if dim == SLOT and request.slots_follow_families:
         return "slot of the attractor: that of its family, as far as there are slots"
@@ -225,7 +225,7 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
     if quantity.per_cell:
         _create_per_cell(root, request, quantity)
     else:
-        found = [np.asarray(quantity.evaluate(cells_of(each))) for each in request.slices.values()]
+        found = [np.asarray(quantity.evaluate(cells_of_tile(each))) for each in request.slices.values()]
         values = (np.stack(found) if request.third else found[0]).astype(quantity.dtype)
         write(root, quantity.name, (*request.third_axis, *quantity.dims), values, quantity.attributes)
 
@@ -252,7 +252,7 @@ def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Gro
     if SLICES not in root:
         about = f"what the slices of the survey have beside their cells, each at its index along {request.third}"
         root.create_group(SLICES, attributes={"long_name": about})
-    return root.create_group(path_of(along), attributes=_model_attributes(request.at(along)))
+    return root.create_group(group_path(along), attributes=_model_attributes(request.at(along)))
 
 
 def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
@@ -271,7 +271,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
     model = request.gear_model
     for name in model.curve_names:
-        curve = traced(name, model, window)
+        curve = traced_curve(name, model, window)
         group = groups.create_group(name, attributes=curve_attributes(name, model, curve))
         write_variables(group, CURVE_VARIABLES, curve)
     attributes = {"long_name": "codimension-two points, where curves meet", "references": f"https://doi.org/{DOI}"}

@@ -7,7 +7,7 @@ from types import EllipsisType
 
 import numpy as np
 
-from gear_rattle.workers.survey.curves import crossings
+from gear_rattle.workers.survey.curves import traced_crossings
 from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
 from gear_rattle.workers.survey.refined.rounds import Round, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
@@ -86,7 +86,7 @@ def tiles_at(request: SurveyRequest, along: Along) -> list[Tile]:
     return [tile for tile in tiles_of(request) if tile.along == along]
 
 
-def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
+def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     """Return the cells of a tile, or the whole grid, which then has no third axis."""
     request = request if tile is None else request.at(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
@@ -120,7 +120,7 @@ def compute_tile(
         The arrays by variable name, in the dims and dtype of the registry, and the tile's record.
     """
     began = time.perf_counter()
-    cells = cells_of(request, tile)
+    cells = cells_of_tile(request, tile)
     impacts = 0
     if outcomes is not None:
         arrays, failed = _gather(request, cells, outcomes)
@@ -148,9 +148,9 @@ def compute_tile(
 
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a tile, of which only some are computed."""
-    whole = cells_of(request.at(tile.along))
+    whole = cells_of_tile(request.at(tile.along))
     # those that are not known in closed form take minutes
-    curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
+    curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound takes the audits of all slices together, so each has draws of its own; without, a slice is a survey.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
     plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
@@ -187,7 +187,7 @@ def cell_outcomes(
     CellOutcome
         Outcome of each cell.
     """
-    cells = cells_of(request, tile)
+    cells = cells_of_tile(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
         try:
             yield _evaluate(request, cells.one(*divmod(number, cells.delta.size)))

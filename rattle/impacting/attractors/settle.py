@@ -52,7 +52,7 @@ def is_quiet(b, i, largest_invariant):
 
 
 @inline
-def fate(b, i, cell, cells, balls):
+def fate_of_lane(b, i, cell, cells, balls):
     """Return the outcome of lane i, on Σ⁺: (status, orbit)."""
     if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
@@ -97,7 +97,7 @@ def look(b, i, k, cells, samples, balls):
     """Return the outcome of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
-        status, orbit = fate(b, i, samples.cell[k], cells, balls)
+        status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
             return status, orbit, True
     if b.stuck[i] > 0.0:

@@ -31,7 +31,7 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly(memory, lanes, cell, tau, v, looks, cells, sums, paths):
+def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
     """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each.
 
     Sums (n, BATCHES, COLUMNS), zero before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes
@@ -88,5 +88,5 @@ def stretch(
         Sums (n, BATCHES, COLUMNS), NaN of a motion that comes to rest.
     """
     sums, lanes = np.zeros((cell.size, BATCHES, COLUMNS)), np.zeros((4, LANES))
-    fly(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
+    fly_and_sum(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
     return sums

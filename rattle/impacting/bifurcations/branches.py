@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton, plane_scale
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton_on_curve, plane_scale
 from rattle.continuation.conditions import Kind
 from rattle.continuation.followed import FollowedBranch, first_of_doubled
 from rattle.continuation.line import (
@@ -120,7 +120,7 @@ def branch(
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
-    solved = newton(on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
+    solved = newton_on_curve(on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
     if solved is None:
         raise RattleError("the orbit does not solve the impact equations: take it from periodic_orbit")
     return _both_ways(orbit.itinerary, line, solved[0])

@@ -8,7 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import ContinuationProblem, between, last_inside, newton, root_between, tangent_at
+from rattle.continuation.arclength import (
+    ContinuationProblem,
+    last_inside,
+    newton_on_curve,
+    root_between,
+    solution_above_chord,
+    tangent_at,
+)
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
@@ -138,7 +145,7 @@ def between_twins(
         if not length[i] < at < length[i + 2] or lowest / value > NEARLY:
             continue
         k = int(i if at < length[i + 1] else i + 1)
-        y = between(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
+        y = solution_above_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
         if y is not None and tests[j][2](points[k + 1] - points[k], y) * values[k, j] < 0:
             found.append((k, y, tangent_at(problem, y, tangents[k])))
     return found
@@ -200,7 +207,7 @@ def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) 
     half = _halved(itinerary, guess) if kind is Kind.SADDLE_NODE else None
     if half is not None:
         kind, (itinerary, guess) = Kind.FLIP, half
-    found = newton(condition(itinerary, kind, impact), guess, line.across(itinerary.n))
+    found = newton_on_curve(condition(itinerary, kind, impact), guess, line.across(itinerary.n))
     if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
         return None
     return Event(kind, itinerary, found[0], impact, admissible(itinerary, found[0], impact), after)

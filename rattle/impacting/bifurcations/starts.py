@@ -32,7 +32,7 @@ class StartFamily(NamedTuple):
 
 def members(sigma: Array, delta: float, beta: float) -> StartFamily:
     """Return the members of the family with these rising σ."""
-    closed = np.array([closed_form.closure(each, delta, beta) for each in sigma]).reshape(-1, 5)
+    closed = np.array([closed_form.closure_residual(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])

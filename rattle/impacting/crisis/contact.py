@@ -129,7 +129,7 @@ def frame(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
     return ManifoldFrame(delta, epsilon, beta)
 
 
-def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
+def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
     """Return the contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
 
     Parameters
@@ -160,7 +160,7 @@ def solve_delta(
 ) -> Crisis:
     """Return the contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once.
 
-    As `solve`.
+    As `solve_contact`.
 
     Returns
     -------

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from rattle.errors import RattleError, require, require_number
-from rattle.impacting.crisis.contact import Crisis, frame, reach, root_slope, solve, solve_delta
-from rattle.impacting.crisis.escape import is_chaotic
+from rattle.impacting.crisis.contact import Crisis, frame, reach, root_slope, solve_contact, solve_delta
+from rattle.impacting.crisis.escape import is_chaotic_below
 from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, touched
 from rattle.orbits.saddles import Array
 
@@ -69,7 +69,7 @@ def in_delta(known: list[Crisis], delta: float) -> Crisis:
     """Return the contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_guess(known, np.array([point.delta for point in known]), y, delta))
-    return solve(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
+    return solve_contact(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
 
 
 def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
@@ -102,7 +102,7 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
                     why = f"below delta = {known[chaotic].delta:.5f} what attracts W^u(A) is not chaotic, and {why}"
                 return known[: chaotic + 1], why
             continue
-        known.append(replace(found, chaotic=is_chaotic(found)))
+        known.append(replace(found, chaotic=is_chaotic_below(found)))
         step *= 2.0
         if known[-1].chaotic:
             chaotic = len(known) - 1

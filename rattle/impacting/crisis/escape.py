@@ -166,7 +166,7 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
     return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / WATCHED
 
 
-def is_chaotic(contact: Crisis) -> bool:
+def is_chaotic_below(contact: Crisis) -> bool:
     """Return whether what attracts W^u(A) just below the contact is chaotic."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
     return any(chaotic_part(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)

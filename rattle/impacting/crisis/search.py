@@ -6,8 +6,8 @@ import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.contact import Crisis, frame, solve
-from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, escapes, is_chaotic, outlived, saddle_at
+from rattle.impacting.crisis.contact import Crisis, frame, solve_contact
+from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, escapes, is_chaotic_below, outlived, saddle_at
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
@@ -145,7 +145,7 @@ def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> 
                 break
             width *= 2.0
         try:
-            found.append(solve(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low)))
+            found.append(solve_contact(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low)))
         except RattleError as error:
             last = error
     if not found:
@@ -201,7 +201,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         except RattleError as error:
             reasons.append(str(error))
             continue
-        if not is_chaotic(found):
+        if not is_chaotic_below(found):
             reason = "what attracts W^u(A) there is not chaotic"
         elif outlived(found):
             reason = "the chaotic attractor outlives it"

@@ -10,7 +10,7 @@ import math
 from rattle.flight.forcing import phase_of_least_force, relative_force, relative_swing
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.circuits import keep, walk_round
-from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton
+from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
 from rattle.numerics.compile import kernel
 
 ONE_BY_ONE = 6  # up to here all n are tried: the flips of the first are not in order
@@ -58,7 +58,7 @@ def space(work, n, offset, least):
 def node(n, least, work, delta, epsilon, beta):
     """Return NONE, STABLE or UNSTABLE for the node of n bounces, kept if it is stable."""
     space(work, n, 0.0, least)
-    solved, at_one = newton(work, n, 0.5, delta, epsilon, beta)
+    solved, at_one = newton_on_times(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:
         keep(work, n, delta, epsilon, beta)
         return STABLE if at_one < 2.0 * (1.0 + determinant(delta, 1.0, n)) else UNSTABLE

@@ -18,7 +18,7 @@ from fractions import Fraction
 
 from rattle.errors import NotProvedError
 from rattle.proof.areas.piece import PlanePiece, hull, upper
-from rattle.proof.areas.quiet import limit
+from rattle.proof.areas.quiet import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
 PARTS = 128  # of a period
@@ -27,7 +27,7 @@ KEPT = 0.95  # of the damping, at most, is undone: what is left makes v³/g deca
 
 def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     """Raise NotProvedError unless all motions that leave Σ⁺ slower than this, at any phase, become quiet."""
-    share = piece.epsilon / limit(arb_series([piece.delta]))[0]
+    share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
         raise NotProvedError("quiet is not proved to be possible")
     mean = 4 * PI() * piece.delta

@@ -27,14 +27,14 @@ def most_stable(delta: arb_series) -> arb_series:
     return delta * (offset(delta) + 2) / (2 * PI())
 
 
-def height(s: arb, delta: arb_series, x: arb) -> arb_series:
+def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
     """F(s; δ, X) and its derivative by δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
     return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
 
 
-def slope(s: arb, delta: arb, x: arb) -> arb:
+def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
     """∂F/∂s."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
@@ -88,19 +88,21 @@ def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) ->
     s, middle = hull(start, end), (start + end) / 2
 
     def over(x: arb) -> arb:
-        return centred(lambda delta: height(middle, delta, x), piece.delta) + slope(s, piece.delta, x) * (s - middle)
+        return centred(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
+            s, piece.delta, x
+        ) * (s - middle)
 
     if not over(most) > -2 * piece.beta:
         return False
     if start == 0:
-        return bool(slope(s, piece.delta, least) < 0)
-    return bool(slope(s, piece.delta, least) > 0 if end == 1 else over(least) < 0)
+        return bool(slope_enclosure(s, piece.delta, least) < 0)
+    return bool(slope_enclosure(s, piece.delta, least) > 0 if end == 1 else over(least) < 0)
 
 
 def _touches(piece: PlanePiece, least: arb) -> bool:
     """Return whether F < −2β somewhere, for all X from this one on."""
     s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
-    return bool(0 < s < 1 and centred(lambda delta: height(s, delta, least), piece.delta) < -2 * piece.beta)
+    return bool(0 < s < 1 and centred(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta)
 
 
 def _lowest(delta: float, x: float) -> float:

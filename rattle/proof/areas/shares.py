@@ -36,7 +36,7 @@ class Share:
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 
-def shares(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
+def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
     """Return the shares of a plane of this area.
 
     Blocks of one claim do not overlap, nor do those of I to V.

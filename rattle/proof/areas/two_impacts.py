@@ -39,7 +39,7 @@ def rows(s: arb_series, delta: arb_series, beta: arb) -> tuple[Row, Row]:
     return first, second
 
 
-def speeds(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
+def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
     """Return v after Σ⁺ and u after Σ⁻."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
@@ -47,7 +47,7 @@ def speeds(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tu
     return p - 4 * PI() + 2 * PI() * y, 4 * PI() - 2 * PI() * later - q
 
 
-def room(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[arb_series]:
+def room_series(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[arb_series]:
     """Return 1 + E − T and 1 + E + T, both times uv/2, of the trace T of two impacts.
 
     T = 1 + E − S(k₀ + k₁) + S₀S₁k₀k₁ with k = 2g/v and −2g/u, where S = (1 − E)/δ, S₀ = (1 − a)/δ and S₁ = (1 − b)/δ.
@@ -60,19 +60,19 @@ def room(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[
     x, y, v, u = found
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
-    at_top = force(delta, x, y)
-    at_bottom = force(delta, x * cosine - y * sine, y * cosine + x * sine)
+    at_top = series_force(delta, x, y)
+    at_bottom = series_force(delta, x * cosine - y * sine, y * cosine + x * sine)
     mixed = (1 - end) * (at_top * u - at_bottom * v) / delta
     both = 2 * (1 - a) * (1 - b) * at_top * at_bottom / (delta * delta)
     return [mixed + both, (1 + end) * u * v - mixed - both]
 
 
-def force(delta: Number, cosine: Number, sine: Number) -> Number:
+def series_force(delta: Number, cosine: Number, sine: Number) -> Number:
     """Return g where ε cos 2πt and ε sin 2πt are these."""
     return 4 * PI() * delta - 4 * PI() ** 2 * cosine - 2 * PI() * delta * sine
 
 
-def solved(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
+def solve_series(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
     """X and Y, by Cramer's rule."""
     (a11, a12), (a21, a22) = factors
     determinant = a11 * a22 - a12 * a21
@@ -125,20 +125,22 @@ class SolutionCell:
         """X, Y, v and u, and their derivatives by s and by δ, over the cell; they in the middle."""
         middle, by_s, by_delta, found = self.system
         factors = [row[:2] for row in found]
-        x, y = solved(factors, [row[2] for row in found])
+        x, y = solve_series(factors, [row[2] for row in found])
         changes = []
         for derived in (by_s, by_delta):  # of A(X, Y) = b: A(X', Y') = b' − A'(X, Y)
-            changes.append(solved(factors, [b - a * x - c * y for a, c, b in derived]))
-        centre = solved([row[:2] for row in middle], [row[2] for row in middle])
+            changes.append(solve_series(factors, [b - a * x - c * y for a, c, b in derived]))
+        centre = solve_series([row[:2] for row in middle], [row[2] for row in middle])
         x, y = self._moved(centre, *changes)
         s, delta, (xs, ys), (xd, yd) = self.s, self.delta, *changes
         vs, us = (
-            z[1] for z in speeds(arb_series([s, 1]), arb_series([delta]), arb_series([x, xs]), arb_series([y, ys]))
+            z[1]
+            for z in speed_series(arb_series([s, 1]), arb_series([delta]), arb_series([x, xs]), arb_series([y, ys]))
         )
         vd, ud = (
-            z[1] for z in speeds(arb_series([s]), arb_series([delta, 1]), arb_series([x, xd]), arb_series([y, yd]))
+            z[1]
+            for z in speed_series(arb_series([s]), arb_series([delta, 1]), arb_series([x, xd]), arb_series([y, yd]))
         )
-        v, u = (z[0] for z in speeds(*(arb_series([z]) for z in (s.mid(), delta.mid(), *centre))))
+        v, u = (z[0] for z in speed_series(*(arb_series([z]) for z in (s.mid(), delta.mid(), *centre))))
         speed = self._moved((v, u), (vs, us), (vd, ud))
         return [x, y, *speed], [xs, ys, vs, us], [xd, yd, vd, ud], [*centre, v, u]
 
@@ -247,7 +249,7 @@ class SolutionCell:
         """Return g at the time t after Σ⁺."""
         x, y, *_ = self.solution[0]
         sine, cosine = (2 * t).sin_cos_pi()
-        return force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
+        return series_force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
         """Φ' at the time t after Σ⁺, on the flight down (−1) or up (1), from where it begins."""
@@ -266,9 +268,9 @@ class SolutionCell:
         s, delta = self.s, self.delta
         along_s = [arb_series([x, dx]) for x, dx in zip(here, by_s, strict=True)]
         along_delta = [arb_series([x, dx]) for x, dx in zip(here, by_delta, strict=True)]
-        fixed = room(arb_series([s.mid()]), arb_series([delta.mid()]), [arb_series([x]) for x in middle])
-        moved_s = room(arb_series([s, 1]), arb_series([delta]), along_s)
-        moved_delta = room(arb_series([s]), arb_series([delta, 1]), along_delta)
+        fixed = room_series(arb_series([s.mid()]), arb_series([delta.mid()]), [arb_series([x]) for x in middle])
+        moved_s = room_series(arb_series([s, 1]), arb_series([delta]), along_s)
+        moved_delta = room_series(arb_series([s]), arb_series([delta, 1]), along_delta)
         return self._moved([x[0] for x in fixed], [x[1] for x in moved_s], [x[1] for x in moved_delta])
 
     @property

@@ -23,10 +23,10 @@ from rattle.proof.check import (
     Interval,
     MotionPiece,
     Refused,
-    exact,
-    positive,
+    exact_fraction,
+    is_positive,
     require,
-    turned,
+    sine_and_cosine,
 )
 
 RADIUS, FASTER = IV.mpf(10) ** -16, 1000  # of the box in times and parameters; of velocities, so many times that
@@ -85,7 +85,7 @@ class ParameterJet:
 
     def turned(self) -> "tuple[ParameterJet, ParameterJet]":
         """Sine and cosine of 2π times it."""
-        sine, cosine = turned(self.value)
+        sine, cosine = sine_and_cosine(self.value)
         return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
 
 
@@ -112,11 +112,11 @@ class Bifurcation:
         known, solved = document["known"], document["solved"]
         require({*known, *solved} == {"beta", *FREE} and "beta" in known, "its parameters")
         require(len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1), "how many it solves for")
-        self.known = {name: exact(value) for name, value in known.items()}
+        self.known = {name: exact_fraction(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
-        self.ends = [[exact(end) for end in solved[name]] for name in self.free]
-        self.times, self.radius = [exact(t) for t in document["times"]], exact(document["radius"])
-        require(len(self.times) == self.n and positive(*self.known.values()), "its times, or a parameter, are wrong")
+        self.ends = [[exact_fraction(end) for end in solved[name]] for name in self.free]
+        self.times, self.radius = [exact_fraction(t) for t in document["times"]], exact_fraction(document["radius"])
+        require(len(self.times) == self.n and is_positive(*self.known.values()), "its times, or a parameter, are wrong")
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
         """Return δ and ε at unknowns x."""
@@ -130,9 +130,9 @@ class Bifurcation:
         found = []
         for i, t in enumerate(self.times):
             j = (i + 1) % self.n
-            u, (sine, cosine) = self.times[j] + (0 if j else self.m) - t, turned(t)
+            u, (sine, cosine) = self.times[j] + (0 if j else self.m) - t, sine_and_cosine(t)
             lacks = (self.walls[j] - self.walls[i]) * self.known["beta"] - 2 * TWO_PI * u
-            lacks -= epsilon * (turned(self.times[j])[1] - cosine)
+            lacks -= epsilon * (sine_and_cosine(self.times[j])[1] - cosine)
             w = 2 * TWO_PI - TWO_PI * epsilon * sine + lacks * delta / (1 - IV.exp(-delta * u))
             found += [t, w if i != self.impact else ZERO]
         return [IV.mpf(x.mid) for x in found + free]
@@ -193,7 +193,7 @@ class Bifurcation:
             for i, line in enumerate(about):
                 less = [sum((line[k] * rows[k][j] for k in range(size)), ZERO - (i == j)) for j in range(size)]
                 moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
-            inside = (positive(radius - dx, radius + dx) for radius, dx in zip(radii, moved, strict=True))
+            inside = (is_positive(radius - dx, radius + dx) for radius, dx in zip(radii, moved, strict=True))
             require(all(inside), "its box is not mapped into itself")
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
@@ -206,8 +206,8 @@ class Bifurcation:
         )
         for i in range(self.n):
             piece, j = MotionPiece(motion, i, x), (i + 1) % self.n
-            require(positive(piece.duration), f"piece {i + 1} takes no time")
-            require(i == self.impact or positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
+            require(is_positive(piece.duration), f"piece {i + 1} takes no time")
+            require(i == self.impact or is_positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
             grazes = i == self.impact, j == self.impact
             require(stays(piece, *grazes), f"piece {i + 1} may meet a wall on its way")
 
@@ -220,7 +220,7 @@ class Bifurcation:
             shift = len(walls) // parts
             if self.m % parts == len(walls) % parts == 0 and [*walls[shift:], *walls[:shift]] == walls:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift:], strict=False)]
-                require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+                require(any(is_positive(gap) or is_positive(-gap) for gap in gaps), f"it may repeat {parts} times")
 
 
 def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
@@ -240,7 +240,7 @@ def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
     for _ in range(MOST_PARTS):
         part = part / 2
         u = IV.mpf([0, part.b]) if begins_grazing else IV.mpf([(piece.duration - part).a, piece.duration.b])
-        if positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
+        if is_positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
             break
     else:
         return False
@@ -252,7 +252,7 @@ def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
 
 def clear(piece: MotionPiece, y: Interval) -> bool:
     """Return whether y is clear of both walls."""
-    return positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
+    return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
 def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
@@ -262,7 +262,7 @@ def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
         low, high = parts.pop()
         part, middle = IV.mpf([low, high]), (low + high).mid / 2
         slope = piece.after(part)[1]
-        if not (positive(slope) or positive(-slope)):
+        if not (is_positive(slope) or is_positive(-slope)):
             y = piece.after(middle)[0]
             if not clear(piece, y):
                 return False
@@ -281,14 +281,14 @@ def check(text: str) -> str:
         claim = Bifurcation(document)
         x = claim.enclosed()
         for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
-            require(positive(value - low, high - value), "a parameter is not proved to be between its ends")
+            require(is_positive(value - low, high - value), "a parameter is not proved to be between its ends")
         for value, time in zip(x[: 2 * claim.n : 2], claim.times, strict=True):
-            require(positive(claim.radius - (value - time), claim.radius + (value - time)), "a time is farther away")
-        require(positive(*claim.parameters(x)), "a parameter is not positive")
+            require(is_positive(claim.radius - (value - time), claim.radius + (value - time)), "a time is farther away")
+        require(is_positive(*claim.parameters(x)), "a parameter is not positive")
         claim.require_happens(x)
         claim.require_least_period(x)
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
-        require(side == 0 or positive(side * turned(x[0])[1]), "it is a graze of the other motion")
+        require(side == 0 or is_positive(side * sine_and_cosine(x[0])[1]), "it is a graze of the other motion")
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
         return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:

@@ -21,7 +21,7 @@ from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
 from rattle.proof.bifurcations.systems import FREE, CurveMotion, System, require_happens
-from rattle.proof.certificate import Ends, Exact, exact
+from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import LONG, require_least_period
 from rattle.proof.krawczyk import enclosed
 
@@ -56,7 +56,11 @@ def certify_curve_point(
     """
     require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
     require_one_of("name", name, CURVES)
-    numbers = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}
+    numbers = {
+        "delta": exact_number("delta", delta),
+        "epsilon": exact_number("epsilon", epsilon),
+        "beta": exact_number("beta", beta),
+    }
     require(min(numbers.values()) > 0, "delta, epsilon and beta must be positive")
     d, e, half = (float(number) for number in numbers.values())
     definition = CURVES[name]
@@ -112,13 +116,13 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     itinerary = event.itinerary
-    number = exact("beta", itinerary.beta if beta is None else beta)
+    number = exact_number("beta", itinerary.beta if beta is None else beta)
     require(float(number) == itinerary.beta, f"beta of the event is {itinerary.beta!r}, not {beta}")
     x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
         raise NotProvedError("the event's curve cannot be solved at its damping")
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
-    return _certified(str(event.kind), motion, x, number, {"delta": exact("delta", event.delta)})
+    return _certified(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
 
 def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate, ...]:
@@ -136,7 +140,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     NotProvedError
         If a proof fails.
     """
-    number = exact("beta", beta)
+    number = exact_number("beta", beta)
     half = require_number("beta", float(number), positive=True)
     graze = CURVES["G1"]
     problem = condition(graze.itinerary(half), graze.kind, graze.impact)

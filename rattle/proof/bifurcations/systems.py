@@ -108,7 +108,7 @@ class EvaluatedSystem:
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
         flights = [
-            between(
+            flight_series(
                 delta + zero, epsilon + zero, times[i], times[i + 1] if i + 1 < n else times[0] + motion.m,
                 self.system.beta * (motion.walls[(i + 1) % n] - motion.walls[i]),
             )
@@ -140,7 +140,7 @@ def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Serie
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
-def between(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
+def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
     """Return the flight between two times (`rattle.proof.flights.flight`), in series."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon

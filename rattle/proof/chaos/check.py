@@ -10,7 +10,19 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
-from rattle.proof.check import IV, SLACK, TWO_PI, UNIT, ZERO, Interval, Refused, exact, positive, require, turned
+from rattle.proof.check import (
+    IV,
+    SLACK,
+    TWO_PI,
+    UNIT,
+    ZERO,
+    Interval,
+    Refused,
+    exact_fraction,
+    is_positive,
+    require,
+    sine_and_cosine,
+)
 
 MOST_PARTS, MOST_TIMES, MOST_SETS, MOST_LOOPS, MOST_LENGTH = 4000, 300, 2000, 200, 100
 Vector = tuple[Interval, Interval]
@@ -27,7 +39,12 @@ class Bundle:
 
     def flown(self, start: Vector, t: Interval) -> Vector:
         """Φ(t) less the wall, and Φ'(t)."""
-        (sine, cosine), (sine1, cosine1), d, e = turned(start[0]), turned(t), self.plane.delta, self.plane.epsilon
+        (sine, cosine), (sine1, cosine1), d, e = (
+            sine_and_cosine(start[0]),
+            sine_and_cosine(t),
+            self.plane.delta,
+            self.plane.epsilon,
+        )
         kept, pushed = self.kept(start, t), start[1] - 2 * TWO_PI + TWO_PI * e * sine
         y = 2 * TWO_PI * (t - start[0]) + e * (cosine1 - cosine) + (1 - kept) / d * pushed
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
@@ -74,7 +91,9 @@ class Bundle:
         late = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
         arrival = time + late
         speed = self.at(arrival)[1]
-        require(positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze")
+        require(
+            is_positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze"
+        )
         require(self.is_clear(arrival), "a flight may meet another wall")
         heights, speeds = self.derivatives(arrival)
         pull = self.plane.force(arrival) - self.plane.delta * speed
@@ -99,9 +118,9 @@ class Bundle:
         for _ in range(8):
             around = time + room * UNIT
             speed = self.flown(self.middle, around)[1] if middle else self.at(around)[1]
-            require(positive(speed) or positive(-speed), "a flight may graze")
+            require(is_positive(speed) or is_positive(-speed), "a flight may graze")
             late = -missed / speed
-            if positive(room - late, room + late):
+            if is_positive(room - late, room + late):
                 return late
             room = IV.mpf(1.3) * max(room, IV.mpf(abs(late).b))
         raise Refused("the time of an impact is not enclosed")
@@ -135,9 +154,9 @@ class Bundle:
             low, high = parts.pop()
             part, middle = IV.mpf([low.a, high.b]), IV.mpf(((low + high) / 2).mid)
             slope = self.at(part)[1]
-            if not (positive(slope) or positive(-slope)):
+            if not (is_positive(slope) or is_positive(-slope)):
                 y = self.at(middle)[0] + slope * (part - middle)
-                if not positive(above - y, below + y):
+                if not is_positive(above - y, below + y):
                     parts += [(low, middle), (middle, high)]
             if not parts:
                 return True
@@ -150,10 +169,12 @@ class Claim:
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "it is of another model")
         require({*document["parameters"]} == {"delta", "epsilon", "beta"}, "its parameters")
-        self.delta, self.epsilon, self.beta = (exact(document["parameters"][n]) for n in ("delta", "epsilon", "beta"))
-        require(positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
+        self.delta, self.epsilon, self.beta = (
+            exact_fraction(document["parameters"][n]) for n in ("delta", "epsilon", "beta")
+        )
+        require(is_positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
         require(0 < len(document["sets"]) <= MOST_SETS, "the number of its sets")
-        self.sets = [[exact(number) for number in each] for each in document["sets"]]
+        self.sets = [[exact_fraction(number) for number in each] for each in document["sets"]]
         self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
         require(all(len(each) == 6 for each in self.sets), "a set that is not six numbers")
         self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
@@ -165,7 +186,7 @@ class Claim:
 
     def force(self, t: Interval) -> Interval:
         """Return g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
-        sine, cosine = turned(t)
+        sine, cosine = sine_and_cosine(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def image(self, source: int, part: Part, word: int) -> tuple[Vector, tuple[Vector, Vector]]:
@@ -193,7 +214,7 @@ class Claim:
         """Return ξ and η of an image in another set's coordinates, and what either side of it adds."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
-        require(positive(size) or positive(-size), "a set has no area")
+        require(is_positive(size) or is_positive(-size), "a set has no area")
         away = middle[0] - t - periods, middle[1] - v
         start, *added = (((d * x - b * y) / size, (a * y - c * x) / size) for x, y in (away, *sides))
         xi, eta = (start[i] + UNIT * (abs(added[0][i]) + abs(added[1][i])) for i in range(2))
@@ -215,9 +236,9 @@ class Claim:
             here, added = parts.pop(), [1.0, 1.0]
             try:
                 (xi, eta), added = self.seen(target, periods, self.image(source, here, word))
-                if positive(xi - 1) or positive(-1 - xi):
-                    sides.add(1 if positive(xi) else -1)
-                elif inside and positive(1 - eta, 1 + eta):
+                if is_positive(xi - 1) or is_positive(-1 - xi):
+                    sides.add(1 if is_positive(xi) else -1)
+                elif inside and is_positive(1 - eta, 1 + eta):
                     sides.add(0)
                 else:
                     parts += halves(here, added)
@@ -264,10 +285,10 @@ def check(text: str) -> str:
             for other in heads[:i]:
                 claim.require_apart(one, other)
         for name, number in (("impact", 1), ("period", 2)):
-            h = exact(document[f"entropy_per_{name}"])
+            h = exact_fraction(document[f"entropy_per_{name}"])
             lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
             total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
-            require(positive(h, total - 1), f"the entropy for each {name}")
+            require(is_positive(h, total - 1), f"the entropy for each {name}")
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):

@@ -66,7 +66,7 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     bundle = FlightBundle(plane, middle, sides)
     at_middle = bundle.until(time)
     by_t0, by_w0 = _derivatives(at_middle, time)
-    guess = abs(spread(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
+    guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
     for _ in range(MOST_GROWN):
         guess = guess.upper() * GROWN
@@ -89,7 +89,7 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     return Arrival(time, at_middle.w1, slope)
 
 
-def spread(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
+def spread_of_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
     """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
@@ -127,7 +127,7 @@ class FlightBundle:
 
     def _at(self, t: arb, which: int) -> arb:
         by_t0, by_w0 = _derivatives(self.all_until(t), t)
-        return self.until(t).at(t)[which] + arb(0, 1) * spread(self.sides, by_t0[which], by_w0[which])
+        return self.until(t).at(t)[which] + arb(0, 1) * spread_of_sides(self.sides, by_t0[which], by_w0[which])
 
     def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
         """Raise NotProvedError unless these flights meet no wall on their way.

@@ -13,7 +13,7 @@ from rattle._version import __version__
 from rattle.errors import NotProvedError, require
 from rattle.impacting.gear import Gear
 from rattle.proof.balls import VERSIONS, arb, ball, precision
-from rattle.proof.certificate import Exact, exact
+from rattle.proof.certificate import Exact, exact_number
 from rattle.proof.chaos import search
 from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
 from rattle.proof.chaos.coverings import HSet, Mapped, Pair, SetPart
@@ -40,13 +40,17 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     NotProvedError
         If no horseshoe is found or proved.
     """
-    parameters = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}
+    parameters = {
+        "delta": exact_number("delta", delta),
+        "epsilon": exact_number("epsilon", epsilon),
+        "beta": exact_number("beta", beta),
+    }
     require(min(parameters.values()) > 0, "delta, epsilon and beta must be positive")
     gear = Gear(*(float(number) for number in parameters.values()))
     best: HorseshoeCertificate | None = None
     with precision():
         plane = ModelPlane(*(ball(number) for number in parameters.values()))
-        for found in islice(search.search(gear), PLACES_TRIED):
+        for found in islice(search.search_horseshoes(gear), PLACES_TRIED):
             proved = _proved(plane, parameters, found)
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved

@@ -102,7 +102,7 @@ def growth(lengths: Sequence[float]) -> float:
     return float(brentq(lambda h: float(np.exp(-h * times).sum()) - 1.0, 0.0, np.log(len(times)) + 1.0))
 
 
-def search(gear: Gear) -> Iterator[Found]:
+def search_horseshoes(gear: Gear) -> Iterator[Found]:
     """Horseshoes that may be there, the most chaotic first. Raises NotProvedError: no motion seems chaotic."""
     states, words = _chaotic(gear)
     pi = ReturnMap(gear)

@@ -122,7 +122,7 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
             share = max(share, n / most)
             if share >= 1.0:
                 break
-            code, tau, v, time, _below, j00, j01, j10, j11 = flow.departure(
+            code, tau, v, time, _below, j00, j01, j10, j11 = flow.next_departure(
                 tau, v, point.delta, point.epsilon, point.beta, point.kappa
             )
             if code != OK:

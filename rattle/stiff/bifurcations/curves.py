@@ -25,10 +25,18 @@ from rattle.flight.forcing import TWO_PI
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
-from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, is_admissible, softness, struck, trace_of
+from rattle.stiff.orbits.closure import (
+    LEAST_CONTACT,
+    Cycle,
+    closure,
+    is_admissible,
+    softness,
+    struck,
+    trace_of_solution,
+)
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, crossings, families, span_of
-from rattle.stiff.orbits.family_continuation import between
+from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, sign_changes, span_of_family
+from rattle.stiff.orbits.family_continuation import family_solution_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
 #: The letters that meet in each fold.
@@ -118,7 +126,7 @@ def _traced(name: str, beta: float, kappa: float, window: PlaneWindow, dampings:
 def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Guesses of the unknowns (2c + 2,) on a curve at these dampings."""
     for delta in dampings.tolist():
-        for family in families(delta, beta, kappa, span_of(delta, window.epsilon[1])):
+        for family in families(delta, beta, kappa, span_of_family(delta, window.epsilon[1])):
             for y in _events(name, family):
                 yield np.insert(y, y.size - 1, delta)
 
@@ -154,8 +162,8 @@ def _flips(name: str, family: StiffFamily) -> list[Array]:
         if letter != ("C" if name == "PDC" else "D"):
             continue
         points = family.points[edges[i] : edges[i + 1] + 1]
-        above = np.array([trace_of(y, family.cycle) + flip for y in points])
-        turns = crossings(above)
+        above = np.array([trace_of_solution(y, family.cycle) + flip for y in points])
+        turns = sign_changes(above)
         if name == "PD1":
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
@@ -168,11 +176,11 @@ def _flips(name: str, family: StiffFamily) -> list[Array]:
 
 def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
     """Return the flip between two motions of a family, nearly."""
-    sign, y = trace_of(a, cycle) + flip > 0.0, np.empty(a.size)
+    sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
-        if not between(a, b, 0.5, cycle, y):
+        if not family_solution_above_chord(a, b, 0.5, cycle, y):
             break
-        a, b = (y.copy(), b) if (trace_of(y, cycle) + flip > 0.0) == sign else (a, y.copy())
+        a, b = (y.copy(), b) if (trace_of_solution(y, cycle) + flip > 0.0) == sign else (a, y.copy())
     return a
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import newton, tangent_at
+from rattle.continuation.arclength import newton_on_curve, tangent_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
 from rattle.stiff.bifurcations.line import MotionsOnLine
@@ -75,7 +75,7 @@ def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | N
     tangent = tangent_at(line.problem, y, rising)
     for reach in NEAREST:
         for side in (reach, -reach):
-            found = newton(line.problem, y + side * tangent, tangent)
+            found = newton_on_curve(line.problem, y + side * tangent, tangent)
             if found is not None and line.is_admissible(found[0]):
                 return line, found[0]
     return None
@@ -84,11 +84,11 @@ def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | N
 def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
     """Return the motion with one contact more, of which the branch does not know, beyond y."""
     for reach in NEAREST:
-        there = newton(line.problem, y + reach * tangent, tangent)
+        there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])
         if failure is not None and failure.wall != 0:
             more, guess, constraint = (_split if failure.contact else _touching)(line, y, failure)
-            found = newton(more.problem, guess, constraint)
+            found = newton_on_curve(more.problem, guess, constraint)
             if found is not None and more.is_admissible(found[0]):
                 return more, found[0]
     return None

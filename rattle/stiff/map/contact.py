@@ -87,7 +87,7 @@ def driven(s, delta, kappa):
 
 
 @inline
-def depth(s, contact):
+def contact_depth(s, contact):
     """Return x, x' and h after s, with S, 1 − C there."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
@@ -138,11 +138,11 @@ def turn_in(lo, hi, middle, contact):
     delta = contact.delta
     square = 0.25 * delta * delta - 2.0 * contact.kappa
     rate = math.sqrt(abs(square))
-    x, v, _h, _s, _l = depth(hi, contact)
+    x, v, _h, _s, _l = contact_depth(hi, contact)
     rising = v - x * log_rate(hi - middle, delta, square, rate) > 0.0
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = depth(s, contact)
+        x, v, h, _s, _l = contact_depth(s, contact)
         r = log_rate(s - middle, delta, square, rate)
         q = v - x * r
         if (q > 0.0) == rising:
@@ -167,7 +167,7 @@ def fall_in(lo, hi, contact):
     """Return the zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = depth(s, contact)
+        x, v, h, _s, _l = contact_depth(s, contact)
         if x > 0.0:
             lo = s
         else:
@@ -222,10 +222,10 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:
             s = min(s + ahead, horizon)
-            x, v, _h, _s, _l = depth(s, contact)
+            x, v, _h, _s, _l = contact_depth(s, contact)
             continue
         end = min(end_of_piece(s, longest, tau, arc), horizon)
-        x1, v1, _h, _s, _l = depth(end, contact)
+        x1, v1, _h, _s, _l = contact_depth(end, contact)
         middle = 0.5 * (s + end)
         q0 = v - x * log_rate(s - middle, delta, square, rate)
         q1 = v1 - x1 * log_rate(end - middle, delta, square, rate)
@@ -235,12 +235,12 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
             turn = turn_in(s, end, middle, contact)
             if q0 > 0.0:
                 lo = turn
-            elif not depth(turn, contact)[0] > 0.0:
+            elif not contact_depth(turn, contact)[0] > 0.0:
                 hi, ends = turn, True
         if ends:
             s = fall_in(lo, hi, contact)
-            x, v, _h, sine, lost = depth(s, contact)
+            x, v, _h, sine, lost = contact_depth(s, contact)
             return ENDS, s, 0.0, min(v, 0.0), sine, lost
         s, x, v = end, x1, v1
-    x, v, _h, sine, lost = depth(s, contact)
+    x, v, _h, sine, lost = contact_depth(s, contact)
     return (LASTS if s >= horizon else TOO_LONG), s, x, v, sine, lost

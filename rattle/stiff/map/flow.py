@@ -128,7 +128,7 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
 
 
 @kernel
-def departure(tau, v, delta, epsilon, beta, kappa):
+def next_departure(tau, v, delta, epsilon, beta, kappa):
     """Return the return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
 
     Returns (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times). QUIET: the contact with Σ⁺ at its end

@@ -32,7 +32,7 @@ def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
 
 
 @kernel
-def stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
+def returned_stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
     """Do `returned` with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
@@ -110,5 +110,5 @@ def iterate_tangent(
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     growth = np.zeros((3, flat[0].size))
-    stretched(*flat, n_plus, n_minus, growth)
+    returned_stretched(*flat, n_plus, n_minus, growth)
     return Stretched.of((*flat[:2], n_plus, n_minus), growth, shape)

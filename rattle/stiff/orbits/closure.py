@@ -76,7 +76,7 @@ class Exit(NamedTuple):
 
 
 @inline
-def flight(t0, t1, gap, delta, epsilon):
+def free_flight(t0, t1, gap, delta, epsilon):
     """Return the ends of a flight over a distance (paper 3.1, 3.2)."""
     s = t1 - t0
     x = delta * s
@@ -156,7 +156,7 @@ def closure(y, cycle, value, jacobian):
         after, t0, t1, gap = follower(i, y, cycle)
         if not t1 > t0:
             return False
-        wall, ends = cycle.walls[i], flight(t0, t1, gap, delta, epsilon)
+        wall, ends = cycle.walls[i], free_flight(t0, t1, gap, delta, epsilon)
         value[c + i] -= wall * ends.w0
         jacobian[c + i, i] -= wall * ends.w0_t0
         jacobian[c + i, c + i] -= wall * p * ends.w0_t0
@@ -181,7 +181,7 @@ def closure(y, cycle, value, jacobian):
 
 
 @kernel
-def trace_of(y, cycle):
+def trace_of_solution(y, cycle):
     """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
 
     A product of exact ones, each det e^(−δs).
@@ -211,7 +211,7 @@ def trace_of(y, cycle):
 
 
 @kernel
-def first_failure(y, cycle):
+def failing_piece(y, cycle):
     """Return the first flight or contact of a solution that ends elsewhere than the equations say.
 
     (its number, whether it is a contact, the wall and the time at which it ends instead); wall 0 if it does not even
@@ -230,7 +230,7 @@ def first_failure(y, cycle):
         after, t0, t1, gap = follower(i, y, cycle)
         if not t1 > t0:
             return i, False, 0, t0
-        ends = flight(t0, t1, gap, delta, epsilon)
+        ends = free_flight(t0, t1, gap, delta, epsilon)
         w0, wall, target = ends.w0, cycle.walls[i], cycle.walls[after]
         u, lasts = target * ends.w1, p * y[c + after]
         if not (wall * w0 < 0.0 < u):
@@ -258,14 +258,14 @@ def is_admissible(y, cycle):
     result
         True if it is.
     """
-    return first_failure(y, cycle)[0] < 0
+    return failing_piece(y, cycle)[0] < 0
 
 
 @kernel
 def struck(y, cycle):
     """When the flight of a P(1,1,0) meets Σ⁻ on its way, NaN if it does not."""
     _after, t0, t1, gap = follower(0, y, cycle)
-    w0 = flight(t0, t1, gap, cycle.delta, y[2]).w0
+    w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:
         return math.nan
     status, s, met, _w, _d, _f, _s, _c = first_impact(
@@ -278,4 +278,4 @@ def struck(y, cycle):
 def departure_of(y, cycle):
     """Phase and speed of the departure from Σ⁺ at the end of the first contact."""
     _after, t0, t1, gap = follower(0, y, cycle)
-    return folded(t0), -flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0
+    return folded(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

@@ -72,7 +72,7 @@ def sine_defect(z):
 
 
 @inline
-def contact(sign, t, duration, u, p, delta, epsilon):
+def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
     """Return a contact entered with outward velocity u.
 
     Its depth at the end, over p, and its outward velocity there, x and v; x_u, v_u, x_t, v_t (by the time of the
@@ -139,7 +139,9 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
         for i in range(c):
             sign, before, duration = signs[i], (i - 1) % c, x[j, c + i]
             u = sign * flights[W1, j, before]
-            depth, v, x_u, v_u, x_t, v_t, v_duration = contact(sign, x[j, i], duration, u, p[j], delta, epsilon)
+            depth, v, x_u, v_u, x_t, v_t, v_duration = contact_of_entry(
+                sign, x[j, i], duration, u, p[j], delta, epsilon
+            )
             depth = np.divide(depth, duration)
             residual[j, i], residual[j, c + i] = depth, v - sign * flights[W0, j, i]
             if not with_matrix:

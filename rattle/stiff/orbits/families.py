@@ -20,18 +20,26 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
-from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, is_admissible, softness, struck, trace_of
+from rattle.stiff.orbits.closure import (
+    LEAST_CONTACT,
+    Cycle,
+    departure_of,
+    is_admissible,
+    softness,
+    struck,
+    trace_of_solution,
+)
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.family_continuation import (
     BROKEN,
     CLOSED,
     LOST,
     MOST_POINTS,
-    between,
     corrected,
     edge,
+    family_solution_above_chord,
     folds_of,
-    follow,
+    follow_family,
     located,
     place,
 )
@@ -69,7 +77,9 @@ class StiffFamily:
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
-            found.append(trace_of(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1))
+            found.append(
+                trace_of_solution(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1)
+            )
         return found
 
     @property
@@ -81,7 +91,7 @@ class StiffFamily:
     def at(self, epsilon: float) -> list[Member]:
         """Return the motions of this eccentricity that happen. Raises RattleError where one is lost."""
         found, y = [], np.empty(self.points.shape[1])
-        for k in crossings(self.points[:, -1] - epsilon):
+        for k in sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
             if located(*ends, y.size - 1, epsilon, self.cycle, y):
                 y[-1] = epsilon
@@ -94,7 +104,7 @@ class StiffFamily:
         return found
 
 
-def crossings(values: Array) -> list[int]:
+def sign_changes(values: Array) -> list[int]:
     """Return the numbers of the points before a function changes sign."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
@@ -107,20 +117,20 @@ def lost(cycle: Cycle, epsilon: float) -> RattleError:
     )
 
 
-def span_of(delta: float, epsilon: float) -> float:
+def span_of_family(delta: float, epsilon: float) -> float:
     """Return the largest ε to which families are followed for a point: it depends on the point alone."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
-def through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
+def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
     """Return the family through a solution, both ways to its ends."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
-    k, on = follow(y, direction, cycle, span, room)
+    k, on = follow_family(y, direction, cycle, span, room)
     points, back = room[:k].copy(), on
     if on != CLOSED:
-        k, back = follow(y, -direction, cycle, span, room)
+        k, back = follow_family(y, -direction, cycle, span, room)
         points = np.concatenate([room[k - 1 : 0 : -1], points])
     before = np.empty(len(points), np.int64)
     folds, all_located = folds_of(points, cycle, before)
@@ -174,7 +184,7 @@ def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
     guess = _at_sn1(cycle)
     if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
         return []
-    family = through(guess, cycle, span)
+    family = family_through(guess, cycle, span)
     if not family.folds.size:
         return []
     sn1 = int(np.argmin(np.abs(family.points[family.folds] - guess).max(axis=1)))
@@ -193,8 +203,8 @@ def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
     for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
         if not (is_admissible(guess, cycle) and edge(guess, cycle, span)[0] < 0):
             continue
-        if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held(guess, (*known, *found)):
-            family = through(guess, cycle, span)
+        if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held_orbits(guess, (*known, *found)):
+            family = family_through(guess, cycle, span)
             if not family.breaks:  # where contact lasts nearly all the time, equations are nearly singular
                 found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
     return found
@@ -205,8 +215,8 @@ def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[S
     found: list[StiffFamily] = []
     for guess, constraint in _starts(cycle, plus):
         y = guess.copy()
-        if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held(y, found):
-            found.append(through(y, cycle, span))
+        if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held_orbits(y, found):
+            found.append(family_through(y, cycle, span))
     return [replace(family, letters=_letters(family, plus)) for family in found]
 
 
@@ -214,7 +224,7 @@ def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, 
     """Guesses of P(1,1,1), and the row of Newton's equations that says what they are to keep."""
     p = softness(cycle.kappa)
     for family in plus:
-        for y in grazes(family):
+        for y in family_grazes(family):
             yield y, np.array([0.0, 0.0, 0.0, 1.0, 0.0])
     beside = np.geomspace(1e-3, 0.49, TIMES)
     times = np.concatenate([0.5 - beside, 0.5 + beside])
@@ -224,7 +234,7 @@ def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, 
         yield y, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def grazes(family: StiffFamily) -> list[Array]:
+def family_grazes(family: StiffFamily) -> list[Array]:
     """P(1,1,1) with a slight contact with Σ⁻, near where the flights of a family of P(1,1,0) begin to meet it."""
     cycle, found = family.cycle, []
     meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
@@ -232,7 +242,7 @@ def grazes(family: StiffFamily) -> list[Array]:
         hit, miss = family.points[i : i + 2] if meets[i] else family.points[i : i + 2][::-1]
         y = np.empty(3)
         for _ in range(BISECTIONS):
-            if not between(hit, miss, 0.5, cycle, y):
+            if not family_solution_above_chord(hit, miss, 0.5, cycle, y):
                 break
             hit, miss = (hit, y.copy()) if np.isnan(struck(y, cycle)) else (y.copy(), miss)
         found.append(np.array([hit[0], struck(hit, cycle), hit[1], SLIGHT, hit[2]]))
@@ -274,7 +284,7 @@ def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
     return ""
 
 
-def held(y: Array, families: Sequence[StiffFamily]) -> bool:
+def held_orbits(y: Array, families: Sequence[StiffFamily]) -> bool:
     """Return whether a solution is on one of these families."""
     return any(place(family.points, y, family.cycle) >= 0 for family in families)
 
@@ -317,6 +327,6 @@ def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Mem
     RattleError
         Where a family is lost.
     """
-    span = span_of(delta, epsilon)
+    span = span_of_family(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

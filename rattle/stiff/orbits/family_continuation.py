@@ -102,7 +102,7 @@ def corrected(y, constraint, cycle):
 
 
 @kernel
-def tangent_at(y, direction, cycle, tangent):
+def family_tangent(y, direction, cycle, tangent):
     """Write the unit tangent on the side of a direction: the sign of the determinant of Jacobian and tangent, or 0."""
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
@@ -144,18 +144,18 @@ def edge(y, cycle, largest):
 
 
 @kernel
-def between(a, b, share, cycle, y):
+def family_solution_above_chord(a, b, share, cycle, y):
     """Write the solution above this share of the chord from a to b; False if there is none."""
     y[:] = a + share * (b - a)
     return corrected(y, b - a, cycle) > 0
 
 
 @inline
-def measured(y, index, level, chord, cycle, tangent):
+def measured_unknown(y, index, level, chord, cycle, tangent):
     """Return the function that `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
     if index >= 0:
         return y[index] - level
-    tangent_at(y, chord, cycle, tangent)
+    family_tangent(y, chord, cycle, tangent)
     return tangent[y.size - 1]
 
 
@@ -172,8 +172,8 @@ def located(a, b, index, level, cycle, y):
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
-    f_lo = measured(a, index, level, chord, cycle, tangent)
-    f_hi = measured(b, index, level, chord, cycle, tangent)
+    f_lo = measured_unknown(a, index, level, chord, cycle, tangent)
+    f_hi = measured_unknown(b, index, level, chord, cycle, tangent)
     if f_lo * f_hi >= 0.0:  # an end is the place, and rounding turned its sign
         y[:] = b if abs(f_hi) < abs(f_lo) else a
         return True
@@ -181,9 +181,9 @@ def located(a, b, index, level, cycle, y):
         last, share = share, (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not lo < share < hi:
             share = 0.5 * (lo + hi)
-        if not between(a, b, share, cycle, y):
+        if not family_solution_above_chord(a, b, share, cycle, y):
             return False
-        f = measured(y, index, level, chord, cycle, tangent)
+        f = measured_unknown(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
         lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, share, f)
@@ -219,11 +219,11 @@ def passes(solution, a, b, cycle, y):
     if not off < LARGEST_TURN * size:
         return False
     twin = y.copy()
-    return between(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
+    return family_solution_above_chord(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
 
 
 @kernel
-def follow(start, direction, cycle, largest, points):
+def follow_family(start, direction, cycle, largest, points):
     """Follow a family from a solution inside towards a direction with ε up to `largest`.
 
     Its points are written (most, 2c + 1).
@@ -235,7 +235,7 @@ def follow(start, direction, cycle, largest, points):
     """
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
-    sign = tangent_at(start, direction, cycle, tangent)
+    sign = family_tangent(start, direction, cycle, tangent)
     points[0], k, step = start, 1, FIRST
     if sign == 0.0:
         return k, BROKEN
@@ -248,7 +248,7 @@ def follow(start, direction, cycle, largest, points):
         new[:] = x + step * tangent
         corrections = corrected(new, tangent, cycle)
         far = math.sqrt(inner(new - x, new - x, unit)) > 2.0 * step
-        new_sign = tangent_at(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
+        new_sign = family_tangent(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
         turn = math.acos(min(max(inner(tangent, new_tangent, unit), -1.0), 1.0))
         if new_sign != sign or turn > LARGEST_TURN:
             step *= 0.4
@@ -283,7 +283,7 @@ def folds_of(points, cycle, folds):
     rate, k, all_located = 0.0, 0, True
     for i in range(len(points)):
         towards = points[i + 1] - points[i] if i < len(points) - 1 else points[i] - points[i - 1]
-        tangent_at(points[i], towards, cycle, tangent)
+        family_tangent(points[i], towards, cycle, tangent)
         if i > 0 and tangent[n - 1] * rate < 0.0:
             if located(points[i - 1], points[i], -1, 0.0, cycle, before):
                 found[k], folds[k] = before, i - 1

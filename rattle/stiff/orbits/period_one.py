@@ -12,9 +12,9 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, parameters, require_number
 from rattle.flight.impact_law import ELASTIC
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
-from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of
+from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of_solution
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
+from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of_family, without_minus
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
 LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for, of the scale of the plane
@@ -29,7 +29,7 @@ class Named(NamedTuple):
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
     """Return all counterparts of A–D that happen at a point, and P(1,1,0) beside them as "P", sorted by letter."""
-    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of(delta, epsilon)
+    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of_family(delta, epsilon)
     others = (member for family in slow(cycle, span) for member in family.at(epsilon))
     found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
     return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
@@ -73,7 +73,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
             if not exists[letter, i]:
                 exists[letter, i] = True
                 tau[letter, i], v[letter, i] = departure_of(member.y, member.cycle)
-                trace[letter, i] = trace_of(member.y, member.cycle)
+                trace[letter, i] = trace_of_solution(member.y, member.cycle)
     decay = ELASTIC.determinant(cells[:, 0], 1, 1)
     with np.errstate(invalid="ignore"):
         multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)

@@ -64,7 +64,7 @@ class StiffOrbit(Periodic):
 
 def trace_of(itinerary: StiffItinerary, x: Array) -> float:
     """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period."""
-    return float(closure.trace_of(np.delete(x, -2), _cycle(itinerary, x)))
+    return float(closure.trace_of_solution(np.delete(x, -2), _cycle(itinerary, x)))
 
 
 class Failure(NamedTuple):
@@ -94,7 +94,7 @@ def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
     Failure | None
         The failure, or None.
     """
-    number, contact, wall, time = closure.first_failure(np.delete(x, -2), _cycle(itinerary, x))
+    number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
 
 

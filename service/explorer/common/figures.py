@@ -15,7 +15,7 @@ PRINTED = "@media print { :host { display: block !important; } }"
 BESIDE = 62  # pixels left of pictures that stand one above the other, with one axis
 
 
-def new_figure(
+def themed_figure(
     name: str,
     theme: str,
     x: str,

@@ -58,7 +58,7 @@ def share(renderers: Sequence[Any]) -> None:
         renderer.data_source.selection_policy = policy
 
 
-def empty(source: ColumnDataSource) -> None:
+def clear(source: ColumnDataSource) -> None:
     """Take the rows away, if there are any."""
     if any(len(column) for column in source.data.values()):
         source.data = {name: [] for name in source.data}
@@ -71,7 +71,7 @@ def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
-def image(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
+def image_glyph(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
     """Return a renderer of images below everything else."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
     return _rendered(source, glyph, level="image", **named)
@@ -85,7 +85,7 @@ def clear_mapper() -> Any:
 def veil(source: ColumnDataSource, paper: str) -> Any:
     """Covers with the colour of the paper, not wholly, what is 1 of an image."""
     mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
-    return image(source, mapper, name="veil")
+    return image_glyph(source, mapper, name="veil")
 
 
 def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
@@ -94,7 +94,7 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
         cells, finer = (
-            image(source, mapper, visible=False, name=f"{name}{log:d}")
+            image_glyph(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
         numbers = CustomJSTickFormatter(code=asset("bar_ticks.js"))
@@ -105,7 +105,7 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
     return found
 
 
-def beyond(ink: str) -> tuple[Any, Any]:
+def beyond_marks(ink: str) -> tuple[Any, Any]:
     """Return marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
     return _at_bar("▼", "bottom", -BAR_PADDING, "top", ink), _at_bar("▲", "top", BAR_PADDING, "bottom", ink)
 

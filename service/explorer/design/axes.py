@@ -62,7 +62,7 @@ class AxesInSI:
             axis.visible = machine is not None
 
 
-def show(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:
+def show_axes(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:
     """Set a window, and the label of its axis."""
     span.update(start=window[0], end=window[1])
     offset = offset_of(window)

@@ -38,7 +38,7 @@ class Yield(NamedTuple):
     passing: Estimate
 
 
-def outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
+def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
     """Return the ellipse (k, 2) in (δ, ε) about a point; that of speed and eccentricity as it is in this plane."""
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
     first, second = widths.first * RADIUS * np.cos(angle), widths.second * RADIUS * np.sin(angle)
@@ -83,7 +83,7 @@ def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield
     return Yield(gears, found.quiet, found.passing)
 
 
-def in_words(found: Yield, share: float) -> str:
+def yield_in_words(found: Yield, share: float) -> str:
     """Return a yield in two sentences."""
     return (
         f"Of {found.gears} gears with these tolerances {_percent(found.quiet)} of all runs are quiet, and "

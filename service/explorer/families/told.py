@@ -65,7 +65,7 @@ class Stored(NamedTuple):
     table: xr.Dataset
 
 
-def stored(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
+def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
     """Return the families of a store, of this slice if there is a third axis.
 
     Blocks: for a thread.
@@ -92,13 +92,13 @@ def require_family(found: Stored, which: int) -> None:
         )
 
 
-def listed(found: Stored) -> list[str]:
+def first_family_names(found: Stored) -> list[str]:
     """Return the names of the first families. Blocks: for a thread."""
     with reading("the families"):
         return names_of(*found, MOST_LISTED)
 
 
-def family_of(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
+def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
     """Return the description of an existing family; plane: the map of its share. Blocks: for a thread."""
     with reading("the families"):
         names = names_of(*found, which + 1)
@@ -154,7 +154,7 @@ def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None
     )
 
 
-def in_words(found: FamilyDescription, model: Model) -> str:
+def family_in_words(found: FamilyDescription, model: Model) -> str:
     """HTML of what is known of a family."""
     row = found.row
     if not row["cells"]:

@@ -20,11 +20,11 @@ from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.families.told import (
     Extent,
     FamilyDescription,
-    family_of,
-    in_words,
-    listed,
+    family_description,
+    family_in_words,
+    first_family_names,
     require_family,
-    stored,
+    stored_families,
 )
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.shared import Shared
@@ -120,8 +120,8 @@ class FamiliesView:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
             raise MissingError(NO_NUMBERS)
-        found = stored(place, SurveyRequest.model_validate(job.request), view.slice)
-        names = listed(found)
+        found = stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
+        names = first_family_names(found)
         if view.family is None:
             return FamilyMaps(names)
         try:
@@ -129,7 +129,7 @@ class FamiliesView:
         except SurveyError as error:
             return FamilyMaps(names, why=str(error))
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
-        return FamilyMaps(names, family_of(found, plane, view.family), plane)
+        return FamilyMaps(names, family_description(found, plane, view.family), plane)
 
     def _show(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
@@ -145,7 +145,7 @@ class FamiliesView:
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():
             button.visible = name in self._extents
-        self._said.html = in_words(known.family, first.model)
+        self._said.html = family_in_words(known.family, first.model)
 
     def _offer(self, options: dict[str, str], number: int | None) -> None:
         value = "" if number is None else str(number)

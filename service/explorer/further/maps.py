@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.further.one import Around, FurtherCallbacks, FurtherMap
 from gear_rattle.service.explorer.further.surveys import surveys_of
-from gear_rattle.service.explorer.map.planes import names_of
+from gear_rattle.service.explorer.map.planes import map_names
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.map.view import MapView
 
@@ -81,7 +81,7 @@ class FurtherMaps:
         first = self._first()
         if first.request is None or len(first.view.further) >= MOST_FURTHER:
             return
-        names = list(names_of(first.request).values())
+        names = list(map_names(first.request).values())
         shown = {(first.view.variable, first.view.index)} | {(each.variable, each.index) for each in first.view.further}
         free = [each for each in names if (each.variable, each.index) not in shown] or names
         added = Further(first.view.survey, free[0].variable, free[0].index, first.view.slice)

@@ -19,14 +19,14 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
-from gear_rattle.service.explorer.further.surveys import request_of
+from gear_rattle.service.explorer.further.surveys import request_of_job
 from gear_rattle.service.explorer.map.closer import Closer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, pieces_of, points_in
 from gear_rattle.service.explorer.map.picture import AsSeen, links, picture_query
-from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, names_of
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.workers import SurveyRequest
@@ -149,8 +149,8 @@ class FurtherMap:
         Further
             The choice.
         """
-        request = request_of(job)
-        maps, number = names_of(request), sum(request.along(further.slice))
+        request = request_of_job(job)
+        maps, number = map_names(request), sum(request.along(further.slice))
         chosen = Chosen(further.variable, further.index)
         if chosen not in maps.values():
             chosen = next(iter(maps.values()))
@@ -170,7 +170,7 @@ class FurtherMap:
         def read() -> tuple[MapPlane, MapBlock, Colouring]:
             if first is not None:
                 for each in (first, job):
-                    require_small(request_of(each))
+                    require_small(request_of_job(each))
                 wanted = view.variable, view.index
                 other = self._shared.plane(job, *wanted, further.slice)
                 plane: MapPlane = Difference(self._shared.plane(first, *wanted, view.slice), other)
@@ -189,7 +189,7 @@ class FurtherMap:
             other = plane is not self._plane
             self._plane, self._colours, self._further = plane, colours, further
             self.map.cells(block, colours)
-            self._title.show(escape(_titled(plane, colours, job, first, request_of(job))))
+            self._title.show(escape(_titled(plane, colours, job, first, request_of_job(job))))
             if other:
                 self._window = None
             else:
@@ -268,7 +268,7 @@ class FurtherMap:
             self._reading = self._viewer.start(self._read(self._plane, at, self._window))
 
     async def _read(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
-        said = await self._viewer.read(lambda: in_words(plane, *at, window, self._closer.finer))
+        said = await self._viewer.read(lambda: cell_in_words(plane, *at, window, self._closer.finer))
 
         def show() -> None:
             self._said.html = f"<p>{escape(said)}</p>"

@@ -16,11 +16,11 @@ from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import values_shown, window_shown
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, Room, box_of
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, Room, box_of_cells
 from gear_rattle.service.operations.windows import Windows, inside, is_coarse
 from gear_rattle.workers import Frame
 from gear_rattle.workers.pictures.look import is_of_survey_only
-from gear_rattle.workers.pictures.planes import numbers
+from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
@@ -132,6 +132,6 @@ class Zoom:
 
 def block_of(frame: Frame) -> MapBlock:
     """Cells of a window as those of a map; of complex values the modulus."""
-    values = numbers(frame.values).astype(np.float32)
+    values = drawn_numbers(frame.values).astype(np.float32)
     status = np.ones(values.shape, np.int8)
-    return MapBlock(frame.delta, frame.epsilon, values, status, box_of(frame.delta, frame.epsilon))
+    return MapBlock(frame.delta, frame.epsilon, values, status, box_of_cells(frame.delta, frame.epsilon))

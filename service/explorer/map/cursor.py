@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.map.planes import MapPlane
-from gear_rattle.service.explorer.point.state import point_of
+from gear_rattle.service.explorer.point.state import point_of_view
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
 STEPS = 40
@@ -92,10 +92,10 @@ class Cursor:
         if (shown := self._where()) is None:
             return
         plane, window, point = shown
-        at = self._at or point or middle(window)
+        at = self._at or point or window_middle(window)
         steps, words = new["steps"], new["word"]
         if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
-            at = stepped(plane, at, window, steps)
+            at = cursor_after_steps(plane, at, window, steps)
             self._go(following(window, at))
             self._stay(at)
         for word in words[:1]:
@@ -104,7 +104,7 @@ class Cursor:
                 self._stay(at)
             elif word in self._do:
                 self._do[word](at)
-            elif str(word).startswith(GO) and (named := point_of(str(word)[len(GO) :])) is not None:
+            elif str(word).startswith(GO) and (named := point_of_view(str(word)[len(GO) :])) is not None:
                 self._do["open"](named)
 
     def _stay(self, at: Pair) -> None:
@@ -112,13 +112,13 @@ class Cursor:
         self._look(at)
 
 
-def middle(window: Ranges) -> Pair:
+def window_middle(window: Ranges) -> Pair:
     """Return the start of a cursor."""
     (left, right), (bottom, top) = window
     return (left + right) / 2, (bottom + top) / 2
 
 
-def stepped(plane: MapPlane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
+def cursor_after_steps(plane: MapPlane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
     """Return the cursor after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
     return (
         _along(plane.delta, at[0], window[0], steps[0], steps[2]),

@@ -74,7 +74,7 @@ class MapFigure:
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
         self._others = glyphs.source_of(glyphs.IMAGE)
         self._why_mapper = glyphs.clear_mapper()
-        self._why = glyphs.image(self._reasons, self._why_mapper)
+        self._why = glyphs.image_glyph(self._reasons, self._why_mapper)
         self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
@@ -104,7 +104,7 @@ class MapFigure:
         glyphs.share(plot.renderers)
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
-        self._beyond = glyphs.beyond(INK[theme][0])
+        self._beyond = glyphs.beyond_marks(INK[theme][0])
         for mark in self._beyond:
             plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
         self._box: Ranges | None = None
@@ -166,8 +166,8 @@ class MapFigure:
 
     def window(self, delta: Pair, epsilon: Pair) -> None:
         """Show this window."""
-        axes.show(self.figure.below[0], self.figure.x_range, axes.NAMES[0], delta)
-        axes.show(self.figure.left[0], self.figure.y_range, axes.NAMES[1], epsilon)
+        axes.show_axes(self.figure.below[0], self.figure.x_range, axes.NAMES[0], delta)
+        axes.show_axes(self.figure.left[0], self.figure.y_range, axes.NAMES[1], epsilon)
         self._hide_what_is_too_large(delta)
 
     def moved(self, delta: Pair) -> None:
@@ -214,7 +214,7 @@ class MapFigure:
 
     def _show_frame(self) -> None:
         if self._frame is None:
-            glyphs.empty(self._fine)
+            glyphs.clear(self._fine)
             return
         values, box = self._frame
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
@@ -226,7 +226,7 @@ class MapFigure:
 
     def no_veil(self) -> None:
         """Dim nothing."""
-        glyphs.empty(self._others)
+        glyphs.clear(self._others)
 
     def no_frame(self) -> None:
         """Remove the frame."""
@@ -237,7 +237,7 @@ class MapFigure:
         """Remove the cells, and the frame."""
         self.no_frame()
         for source in (self._values, self._reasons, self._names):
-            glyphs.empty(source)
+            glyphs.clear(source)
         for scale in self._scales.values():
             scale.bar.visible = False
         for mark in self._beyond:
@@ -281,7 +281,7 @@ class MapFigure:
     def no_lines(self) -> None:
         """Take all curves and points away."""
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
-            glyphs.empty(source)
+            glyphs.clear(source)
 
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""
@@ -309,7 +309,7 @@ class MapFigure:
     def ellipse(self, points: np.ndarray | None) -> None:
         """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""
         if points is None:
-            glyphs.empty(self._ellipse)
+            glyphs.clear(self._ellipse)
         else:
             self._ellipse.data = {"x": points[:, 0], "y": points[:, 1]}
 
@@ -332,7 +332,7 @@ def _spans() -> tuple[Range1d, Range1d]:
 
 def _put(source: ColumnDataSource, point: Pair | None) -> None:
     if point is None:
-        glyphs.empty(source)
+        glyphs.clear(source)
     else:
         source.data = {"x": [point[0]], "y": [point[1]]}
 

@@ -23,7 +23,7 @@ from gear_rattle.service.kernels import KernelPurpose
 from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced
+from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced_curve
 from rattle import RattleError
 from rattle.models import Capability, Model, lacking
 from rattle.plot import polyline
@@ -217,7 +217,7 @@ def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
-    curve = traced(name, model, window)
+    curve = traced_curve(name, model, window)
     if isinstance(curve, Missing):
         return [], curve.reason
     return split(polyline(curve)) if len(curve) else [], ""

@@ -21,10 +21,10 @@ from gear_rattle.workers.errors import reading
 from gear_rattle.workers.pictures.largest import open_maps
 from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
-from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP, centres, halvings, levels_of
-from gear_rattle.workers.survey.levels.reduce import pooled
+from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_at
 from gear_rattle.workers.survey.values.schema import CELL, Group
@@ -113,13 +113,13 @@ class MapPlane:
     def _read(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = numbers(with_periodic(self._dataset, self.plane[where], self._index))
+        self.values[where] = drawn_numbers(with_periodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
     def box(self) -> Ranges:
         """Box that the cells cover."""
-        return box_of(self.delta, self.epsilon)
+        return box_of_cells(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
         """Return whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
@@ -159,7 +159,7 @@ class MapPlane:
             return DisplayedCells(*self._cells(*part.at))
         values, status = self._cells(*_cells_of(part))
         return DisplayedCells(
-            pooled(values, part.level.cells, np.fmax, np.nan), pooled(status, part.level.cells, np.maximum)
+            pooled_cells(values, part.level.cells, np.fmax, np.nan), pooled_cells(status, part.level.cells, np.maximum)
         )
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
@@ -234,7 +234,7 @@ class LeveledPlane(MapPlane):
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         with reading(f"the map of {self.plane.name}"):
-            cells = numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
+            cells = drawn_numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
@@ -270,10 +270,10 @@ def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
 
 def window_of(request: SurveyRequest) -> Ranges:
     """Return the box that the cells of a requested plane will cover."""
-    return box_of(request.delta.values(), request.epsilon.values())
+    return box_of_cells(request.delta.values(), request.epsilon.values())
 
 
-def box_of(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
+def box_of_cells(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
     """Return the box that cells cover: half a cell more on each side."""
     dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
     return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))
@@ -371,7 +371,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     } | joined
 
 
-def names_of(request: SurveyRequest) -> dict[str, Chosen]:
+def map_names(request: SurveyRequest) -> dict[str, Chosen]:
     """Return the same one by one, by their names in words."""
     named = {}
     for name, labels in maps_of(request).items():

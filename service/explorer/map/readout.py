@@ -21,7 +21,7 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import Model
-from rattle.plot import name_of
+from rattle.plot import legend_name
 
 Row = tuple[str, str]
 
@@ -87,7 +87,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
     return f"{title_of(plane.plane)}, computed here", here
 
 
-def in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
+def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
     """Return a cell's place and its value on the map: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
     if (here := finer_value(plane, finer, delta, epsilon)) is not None:
@@ -126,7 +126,7 @@ def _attractors(cell: xr.Dataset) -> str:
         if kind == "none":
             continue
         label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
-        row = [name_of(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        row = [legend_name(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:

@@ -31,7 +31,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import AsSeen
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane, maps_of, window_of
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
 from gear_rattle.service.explorer.point.panel import Above
 from gear_rattle.service.explorer.point.state import marks_of, stands_for
@@ -376,7 +376,7 @@ class MapView:
         assert self._plane is not None
         self.map.cursor(at)
         self._on_pointed(at)
-        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
+        self._said.html = f"<p>{escape(cell_in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:

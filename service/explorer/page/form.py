@@ -217,7 +217,7 @@ class Form:
         except RattleError as error:
             self._say(f"{size}; {error}")
         else:
-            self._say(f"{size}, {in_words(found)}")
+            self._say(f"{size}, {cost_in_words(found)}")
 
     async def _submit(self) -> None:
         def submit() -> str:
@@ -249,7 +249,7 @@ def what_is_wrong(error: Exception) -> str:
     return str(error)
 
 
-def in_words(found: CostEstimate) -> str:
+def cost_in_words(found: CostEstimate) -> str:
     """Return a cost, and what it rests on."""
     about = "at most about" if found.is_most else "about"
     return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"

@@ -13,8 +13,8 @@ from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
 from gear_rattle.service.explorer.point.words import number, percent
 from rattle.models import ADDED, model_at
-from rattle.orbits import in_words
-from rattle.plot import name_of
+from rattle.orbits import region_in_words
+from rattle.plot import legend_name
 
 HEADER = (
     "delta", "epsilon", "beta", *ADDED, "region", "quiet_limit", "starts", "attractor", "kind", "letter",
@@ -33,7 +33,7 @@ class PinResults(NamedTuple):
     chances: Chances
 
 
-def known(pin: Pin, count: int) -> PinResults:
+def results_of_point(pin: Pin, count: int) -> PinResults:
     """Compute the results of a point from so many initial conditions: for a process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = chances(gear, count)
@@ -63,7 +63,7 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[
             head = f"{parameter.label.capitalize()} {parameter.symbol}"
             lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
     of_pins = [told.get(each, COMPUTED) for each in pins]
-    lines.append(["Region", *(each if isinstance(each, str) else in_words(each.region) for each in of_pins)])
+    lines.append(["Region", *(each if isinstance(each, str) else region_in_words(each.region) for each in of_pins)])
     all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
     lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
@@ -74,7 +74,7 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[
 def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
     """Return the attractors by their names, with the letter of those that are one of A to D."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
-    return [(f"{name_of(each)} = {letter}" if letter else name_of(each), each) for each, letter in pairs]
+    return [(f"{legend_name(each)} = {letter}" if letter else legend_name(each), each) for each, letter in pairs]
 
 
 def _largest_exponent(known: PinResults) -> str:
@@ -113,12 +113,12 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
         if not isinstance(found := told.get(pin), PinResults):
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
-        here = *pin[:3], *added, in_words(found.region), found.quiet_limit
+        here = *pin[:3], *added, region_in_words(found.region), found.quiet_limit
         for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
             writer.writerow(
                 (
-                    *here, found.chances.starts, name_of(each), each.kind, letter, each.m, each.n_plus, each.n_minus,
-                    each.fraction, *each.fraction_interval, each.lyapunov[0], each.lyapunov_error, each.lyapunov[1],
+                    *here, found.chances.starts, legend_name(each), each.kind, letter,
+                    each.m, each.n_plus, each.n_minus, each.fraction, *each.fraction_interval, each.lyapunov[0], each.lyapunov_error, each.lyapunov[1],
                     each.tau, each.v,
                 )
             )  # fmt: skip

@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.pins.table import PinResults, csv_of, known, lines_of
+from gear_rattle.service.explorer.pins.table import PinResults, csv_of, lines_of, results_of_point
 from gear_rattle.service.explorer.point.work import Work
 from rattle import RattleError
 
@@ -120,7 +120,7 @@ class Pins:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
         told: PinResults | str
         try:
-            told = await work.compute(known, pin, count, what="The attractors of a pinned point", slow=True)
+            told = await work.compute(results_of_point, pin, count, what="The attractors of a pinned point", slow=True)
         except RattleError as error:
             told = str(error)
         except Exception:

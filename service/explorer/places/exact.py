@@ -19,9 +19,9 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.planes import SIDE, MapPlane
 from gear_rattle.workers import Axis, SurveyRequest
-from gear_rattle.workers.pictures.planes import numbers, plane_of
+from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
 from gear_rattle.workers.survey.levels.grid import halvings
-from gear_rattle.workers.survey.tiles import cells_of
+from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.quantities import held, labels_of
 from gear_rattle.workers.survey.values.schema import Group
@@ -44,7 +44,7 @@ class ExactPlane(MapPlane):
         self.id, self.number, self.request, self._evaluated = "", 0, ASKED, cells
         self.plane, self._levels = plane_of(found, variable, index), halvings(ASKED.shape)
         self.delta, self.epsilon = cells.delta, cells.epsilon
-        self.values = numbers(self.plane).astype(np.float32)
+        self.values = drawn_numbers(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -61,7 +61,7 @@ class Beforehand(ExactPlane):
     def __init__(
         self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
     ) -> None:
-        cells = cells_of(_thinned(request))
+        cells = cells_of_tile(_thinned(request))
         super().__init__(cells, _dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
         self._levels = halvings(cells.shape)
@@ -116,7 +116,7 @@ class Exact:
 
     @cached_property
     def _cells(self) -> Cells:
-        return cells_of(ASKED)
+        return cells_of_tile(ASKED)
 
     @cached_property
     def _found(self) -> xr.Dataset:

@@ -95,7 +95,7 @@ class Along:
         picture.no_lines()
         picture.show_cells(found.basins, self._palette)
         picture.show_orbits(found.orbits)
-        self._panel.under_basins.html = basins.caption(found.basins, (), self._palette)
+        self._panel.under_basins.html = basins.basins_caption(found.basins, (), self._palette)
         self._panel.about_lines.html = ""
         if is_new:
             self._looked(wanted[1] / PLACES)

@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
 from rattle import Machine
 from rattle.models import AnyGear
-from rattle.plot import Palette, name_of
+from rattle.plot import Palette, legend_name
 
 POINTS = 3000  # of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # of a motion; of a periodic one three of its own
@@ -74,7 +74,7 @@ class Choices:
 
     def _offer_motions(self) -> None:
         """Offer the attractors, and the clicked motion, as choices."""
-        options = {f"{i + 1}. {name_of(each)}": i for i, each in enumerate(self._attractors)}
+        options = {f"{i + 1}. {legend_name(each)}": i for i, each in enumerate(self._attractors)}
         value = self._attractor if options else None
         if self._chosen.start is not None:
             tau, v = self._chosen.start
@@ -135,17 +135,19 @@ class Choices:
         elif (attractor := self._shown_attractor()) is None:
             raise rattle.RattleError("There is no attractor to show: click in the basins for a motion.")
         else:
-            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), name_of(attractor)
+            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), legend_name(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
-        found = await self._work.compute(parts.motion, gear, tau, v, periods, POINTS, what="The motion")
+        found = await self._work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
 
         def show() -> None:
             if asked != self._asked():
                 return  # another one has been chosen meanwhile
             self._panel.motions.show(found, gear.beta, shade)
             self._panel.picture.show_chosen(tau, v)
-            self._panel.under_motion.html = f'<p class="faint">{escape(motion.caption(found, what, attractor))}</p>'
+            self._panel.under_motion.html = (
+                f'<p class="faint">{escape(motion.motion_caption(found, what, attractor))}</p>'
+            )
             self._panel.heard.html = ""
             self._panel.under_spectrum.html = ""
             self._panel.spectrum.clear()
@@ -157,13 +159,13 @@ class Choices:
     async def _spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
         asked, gear = self._asked(), self._along.gear
         machine = machine_beside(self._machine, gear.delta, gear.epsilon) if self.is_away else self._machine
-        found = await self._work.compute(rattling.spectrum, gear, attractor, what="The spectrum")
+        found = await self._work.compute(rattling.spectrum_lines, gear, attractor, what="The spectrum")
 
         def show() -> None:
             if asked != self._asked():
                 return
             self._panel.spectrum.show(found, machine, shade)
-            said = loudness.spectrum_caption(found, name_of(attractor))
+            said = loudness.spectrum_caption(found, legend_name(attractor))
             self._panel.under_spectrum.html = f'<p class="faint">{escape(said)}</p>'
 
         await self._work.change(show)
@@ -178,7 +180,7 @@ class Choices:
             raise rattle.RattleError("An attractor can be heard: choose one.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
-        found = await self._work.compute(rattling.sound, self._along.gear, attractor, rpm, what="The sound")
+        found = await self._work.compute(rattling.sound_file, self._along.gear, attractor, rpm, what="The sound")
         await self._work.tell(self._panel.heard, loudness.player(found))
 
     def _on_tolerance(self, widths: Tolerance) -> None:
@@ -197,7 +199,7 @@ class Choices:
 
         def show() -> None:
             if widths == self._chosen.tolerance:
-                self._panel.tolerance.said.html = f"<p>{escape(tolerance.in_words(found, widths.share))}</p>"
+                self._panel.tolerance.said.html = f"<p>{escape(tolerance.yield_in_words(found, widths.share))}</p>"
 
         await self._work.change(show)
 
@@ -212,8 +214,8 @@ class Choices:
             if (direction, to) != (self._chosen.direction, self._chosen.to):
                 return
             self._panel.diagram.show(found, self._parameter)
-            said = f'<p class="faint">{escape(diagram.caption(found))}</p>'
-            self._panel.under_diagram.html = diagram.legend(found) + said + diagram.table(found)
+            said = f'<p class="faint">{escape(diagram.diagram_caption(found))}</p>'
+            self._panel.under_diagram.html = diagram.legend(found) + said + diagram.diagram_table(found)
 
         await self._work.change(show)
 

@@ -7,8 +7,8 @@ from typing import Any
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
-from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, new_figure
-from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
+from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import DiagramLines, Marks
 from gear_rattle.service.explorer.point.words import pair
 
@@ -26,7 +26,7 @@ class DiagramPicture:
 
     def __init__(self, theme: str, x_range: Range1d | None = None) -> None:
         axis = x_range or (0.0, 1.0)
-        self.figure: Any = new_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, axis, (0.0, 7.0))
+        self.figure: Any = themed_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, axis, (0.0, 7.0))
         self.figure.min_border_left = BESIDE
         ink = ink_of(theme)
         self._seen = ColumnDataSource({"x": [], "v": []})
@@ -53,7 +53,7 @@ class DiagramPicture:
     def clear(self) -> None:
         """Show nothing."""
         for source in (self._seen, self._strokes, self._marks):
-            empty(source)
+            clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
         """Draw a diagram; `at` is where the point is on its axis."""
@@ -100,7 +100,7 @@ def along(found: DiagramLines) -> str:
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
-def table(found: DiagramLines) -> str:
+def diagram_table(found: DiagramLines) -> str:
     """Return the events in HTML, those on curves of the map first; a click on one goes there."""
     if not found.events:
         return ""
@@ -120,7 +120,7 @@ def table(found: DiagramLines) -> str:
     )
 
 
-def caption(found: DiagramLines) -> str:
+def diagram_caption(found: DiagramLines) -> str:
     """Return a sentence on what the picture shows."""
     named = sorted({name for name in found.marks.name if name})
     motions = len({each.motion for each in found.strokes})

@@ -12,7 +12,7 @@ import rattle
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.operations import diagrams
 from rattle import Diagram
-from rattle.attractors import classified, listed, sampled_speed
+from rattle.attractors import attractors_of_cell, classified, sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at
@@ -23,7 +23,7 @@ SAME_ORBIT = 1e-6
 Array = NDArray[np.float64]
 
 
-def highest_speed(delta: float, epsilon: float, beta: float) -> float:
+def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
     """Return the largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
     return sampled_speed(None, delta, epsilon, beta)
 
@@ -173,8 +173,8 @@ def margin(gear: Any) -> Margin:
     leads_to = None
     if 0 < v < np.inf:
         table, _, _ = classified(gear.states, np.array([tau]), np.array([v]))
-        (leads_to,) = listed(table, table.samples)
-    return Margin(v, tau, undecided, leads_to, highest_speed(gear.delta, gear.epsilon, gear.beta))
+        (leads_to,) = attractors_of_cell(table, table.samples)
+    return Margin(v, tau, undecided, leads_to, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta))
 
 
 def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
@@ -183,7 +183,7 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     found = (
-        [PlaneLine("Γ", gamma_line(gear, highest_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
+        [PlaneLine("Γ", gamma_line(gear, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
         if Capability.GAMMA in model_at(gear).has
         else []
     )
@@ -214,7 +214,7 @@ def diagram(
         The lines of the diagram.
     """
     from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
-    from rattle.plot import name_of as name_of_type
+    from rattle.plot import legend_name as name_of_type
 
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
     ends = diagrams.diagram_ends(gear, direction, either_way, to)
@@ -272,7 +272,7 @@ def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
     return Elsewhere(basins(gear, side, method), orbits)
 
 
-def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
     """Return the motion from one state."""
     return gear.trajectory(tau, v, periods, points)
 
@@ -282,9 +282,9 @@ def warm_up(gear: AnyGear) -> None:
     chances(gear, 16)
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
-    motion(gear, 0.3, 4.0, 1.0, 2)
+    motion_from(gear, 0.3, 4.0, 1.0, 2)
     lines(gear, arclength=1.0)
-    rattling.warm_up(gear)
+    rattling.warm_up_sounds(gear)
     if Capability.MARGIN in model_at(gear).has:
         margin(gear)
     diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))

@@ -11,7 +11,7 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Entered, Pair, View
 from gear_rattle.service.explorer.design.fields import machine_at
-from gear_rattle.service.explorer.design.tolerance import Tolerance, outline
+from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
@@ -45,8 +45,8 @@ class PointState:
             _attractor(text.get("attractor")),
             _start(text.get("tau"), text.get("v"), v_max),
             direction if direction in SPANS else "epsilon",
-            span_of(text.get("span")),
-            point_of(text.get("to")),
+            span_of_view(text.get("span")),
+            point_of_view(text.get("to")),
             tolerance_of(text.get("tolerance")),
             share_of(text.get("at")),
         )
@@ -85,7 +85,7 @@ def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
     return None
 
 
-def span_of(given: object) -> float | None:
+def span_of_view(given: object) -> float | None:
     """Return how far a diagram goes either way, None for as far as usual and if that cannot be read."""
     try:
         span = float(str(given))
@@ -115,7 +115,7 @@ def place_on(way: tuple[Pair, Pair], share: float) -> Pair:
     return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
-def point_of(given: object) -> Pair | None:
+def point_of_view(given: object) -> Pair | None:
     """Return the point (δ, ε) that a text describes, None if it is none."""
     try:
         delta, epsilon = map(float, str(given).split(","))
@@ -159,8 +159,8 @@ def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple
     made, of_point = stands_for(view.point, view.machine, machine, model)
     if of_point != model:
         return None, None
-    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of(view.point_state.get("to"))
-    lines = [] if widths is None else [outline(*view.point, made, widths)]
+    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of_view(view.point_state.get("to"))
+    lines = [] if widths is None else [tolerance_outline(*view.point, made, widths)]
     if to is not None:
         lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
     here, state = view.point, PointState.read(view.point_state, 0.0)

@@ -51,7 +51,7 @@ class PointView(param.Parameterized):
         **state: str,
     ) -> None:
         possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
-        chosen = PointState.read(state, parts.highest_speed(delta, epsilon, model.beta) if possible else 0.0)
+        chosen = PointState.read(state, parts.largest_sampled_speed(delta, epsilon, model.beta) if possible else 0.0)
         super().__init__(state=chosen.text())
         self.panel, self._model, self._machine, self._front = panel, model, machine, front
         self._work = Work(front, pn.state.curdoc, model.name)
@@ -96,7 +96,7 @@ class PointView(param.Parameterized):
     def _say_where(self) -> None:
         """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
         self.panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
-            f"<p>{escape(words.in_si(self._machine))}</p>" if self._machine else ""
+            f"<p>{escape(words.in_si_words(self._machine))}</p>" if self._machine else ""
         )
 
     def _say_what_is_computed(self) -> None:
@@ -156,7 +156,7 @@ class PointView(param.Parameterized):
         if self._found is None:
             return
         attractors = self._found.attractors
-        found = await self._work.compute(rattling.intensities, self._gear, attractors, what="The intensities")
+        found = await self._work.compute(rattling.motion_intensities, self._gear, attractors, what="The intensities")
         said = loudness.intensity_table(attractors, found, self._gear.delta, self._machine, self._palette)
         await self._work.tell(self.panel.loud, said)
 
@@ -226,4 +226,4 @@ class PointView(param.Parameterized):
     def _show_legend(self) -> None:
         if self._basins is not None:
             lines = self._lines.lines if self._lines is not None else ()
-            self.panel.under_basins.html = basins.caption(self._basins, lines, self._palette)
+            self.panel.under_basins.html = basins.basins_caption(self._basins, lines, self._palette)

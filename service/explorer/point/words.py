@@ -12,8 +12,8 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOneOrbits
 from rattle import Machine
 from rattle.models import AnyGear, model_at
-from rattle.orbits import in_words
-from rattle.plot import Palette, name_of
+from rattle.orbits import region_in_words
+from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
 ENOUGH = 5e-4  # a share below it is not said to be 0
@@ -62,7 +62,7 @@ def motion(attractor: rattle.Attractor, letter: str = "") -> str:
         return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
     each = "every period" if attractor.m == 1 else f"every {attractor.m} periods"
-    named = f"{name_of(attractor)} = {letter}" if letter else name_of(attractor)
+    named = f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
     return f"{impacts} impact{'s' if impacts > 1 else ''} {each}, {named}"
 
 
@@ -73,7 +73,7 @@ def where(gear: AnyGear) -> str:
     model = model_at(gear)
     for each in model.added:
         backlash += f", {each.in_words} = {number(model.numbers[each.name], 6)}"
-    backlash += f": {in_words(gear.region())}." if model.in_closed_form else "."
+    backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
@@ -87,7 +87,7 @@ def where(gear: AnyGear) -> str:
     return f"{at}{backlash}{quiet}"
 
 
-def in_si(machine: Machine) -> str:
+def in_si_words(machine: Machine) -> str:
     """Return a point as a machine, and what the model's units are there."""
     units = machine.units
     quiet = machine.gear.quiet_limit * units.length
@@ -170,7 +170,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
         for orbit in found.orbits
     )
     return table(
-        f"Period-one orbits: {in_words(found.region)}",
+        f"Period-one orbits: {region_in_words(found.region)}",
         ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
         rows,
     )
@@ -194,7 +194,7 @@ def attractors_table(found: Chances, palette: Palette) -> str:
         error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(name_of(each))}{f' = {letter}' if letter else ''}",
+                f"{swatch}{escape(legend_name(each))}{f' = {letter}' if letter else ''}",
                 f"{percent(each.fraction)} <small>({percent(low)}–{percent(high)})</small>",
                 f"{number(each.lyapunov[0])}{error}",
                 number(each.lyapunov[1]),

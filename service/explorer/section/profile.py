@@ -35,7 +35,7 @@ class Profile:
     together: tuple[int, int]
 
 
-def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the crossings of a line from one cell into the next, and the cells.
 
     Beyond it rows and columns are −1.
@@ -73,7 +73,7 @@ def profile_of(plane: MapPlane, ends: Ends) -> Profile:
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), ROOM)
     shape = block.values.shape
-    at, row, column = crossed(block.box, (shape[0], shape[1]), ends)
+    at, row, column = crossed_cells(block.box, (shape[0], shape[1]), ends)
     is_there = row >= 0
     values = np.where(is_there, values_shown(plane, block)[row, column], np.float32(np.nan))
     lengths = np.diff(at)
@@ -97,7 +97,7 @@ def _together(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
     return int(across), int(along)
 
 
-def in_words(found: Profile) -> str:
+def profile_in_words(found: Profile) -> str:
     """Return a sentence on what a profile shows."""
     cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
     gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())

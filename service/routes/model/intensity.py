@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.kernels import KernelPurpose
-from gear_rattle.service.operations.points import intensities, number
+from gear_rattle.service.operations.points import intensities, json_number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
 from gear_rattle.service.routes.model.points import (
@@ -123,8 +123,8 @@ def _rattling(place: Place, attractor: Attractor, found: Intensity) -> RattlingD
         n_plus=attractor.n_plus,
         n_minus=attractor.n_minus,
         fraction=attractor.fraction,
-        **{name: number(value) for name, value in values.items()},
-        level=number(found.level(natural_energy(place.gear.delta))),
-        errors=ErrorsDocument(**{name: number(value) for name, value in found.errors._asdict().items()}),
-        si=None if si is None else InSI(**{name: number(value) for name, value in si._asdict().items()}),
+        **{name: json_number(value) for name, value in values.items()},
+        level=json_number(found.level(natural_energy(place.gear.delta))),
+        errors=ErrorsDocument(**{name: json_number(value) for name, value in found.errors._asdict().items()}),
+        si=None if si is None else InSI(**{name: json_number(value) for name, value in si._asdict().items()}),
     )

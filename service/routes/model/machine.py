@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.operations.points import number
+from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
     machine_texts,
@@ -26,7 +26,7 @@ from rattle.models import ADDED, AnyGear, model_of
 router = APIRouter(prefix="/v1", tags=["points"])
 
 
-def positive(description: str, example: float | None = None, *, zero: bool = False) -> Any:
+def positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
     """Return a parameter above 0, or of at least 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
@@ -42,18 +42,18 @@ Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
-    "drive": {name: Annotated[float | None, positive(text)] for name, text in machine_texts().items()},
+    "drive": {name: Annotated[float | None, positive_query(text)] for name, text in machine_texts().items()},
 }
 
 
 @with_queries({"drive": ADDED_QUERIES["drive"]})
 async def machine_of_query(
-    inertia: Annotated[float, positive(INERTIA, 0.003)],
-    drag: Annotated[float, positive(DRAG, 0.0005)],
-    backlash: Annotated[float, positive(LINE, 0.0001)],
-    eccentricity: Annotated[float, positive(ECCENTRICITY, 0.000015, zero=True)],
-    radius: Annotated[float, positive("m, of the base circle", 0.05)],
-    rpm: Annotated[float, positive("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, positive_query(LINE, 0.0001)],
+    eccentricity: Annotated[float, positive_query(ECCENTRICITY, 0.000015, zero=True)],
+    radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
@@ -71,15 +71,15 @@ class Place:
 
 @with_queries(ADDED_QUERIES)
 async def place_of_query(
-    delta: Annotated[float | None, positive("damping; needed without a machine", 0.6)] = None,
-    epsilon: Annotated[float | None, positive("eccentricity; needed without a machine", 0.1, zero=True)] = None,
-    beta: Annotated[float | None, positive("half-backlash, by default 0.6", 0.6)] = None,
-    inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, positive(DRAG)] = None,
-    backlash: Annotated[float | None, positive(LINE)] = None,
-    eccentricity: Annotated[float | None, positive(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, positive("m, of the base circle")] = None,
-    rpm: Annotated[float | None, positive("revolutions per minute")] = None,
+    delta: Annotated[float | None, positive_query("damping; needed without a machine", 0.6)] = None,
+    epsilon: Annotated[float | None, positive_query("eccentricity; needed without a machine", 0.1, zero=True)] = None,
+    beta: Annotated[float | None, positive_query("half-backlash, by default 0.6", 0.6)] = None,
+    inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> Place:
@@ -159,12 +159,12 @@ async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> Machi
     """
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
-        quiet_limit = number(gear.quiet_limit * found.units.length)
+        quiet_limit = json_number(gear.quiet_limit * found.units.length)
     return MachineDocument(
         delta=gear.delta,
         epsilon=gear.epsilon,
         beta=gear.beta,
         **added_document(found.added),
-        units=UnitsDocument(**{name: number(value) for name, value in found.units._asdict().items()}),
+        units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
         quiet_limit=quiet_limit,
     )

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from gear_rattle.service.errors import LimitError
 from gear_rattle.service.kernels import KernelPurpose
-from gear_rattle.service.operations.points import number, orbits_document
+from gear_rattle.service.operations.points import json_number, orbits_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, with_fields
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
@@ -167,7 +167,7 @@ def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
     units = place.machine.units
 
     def of(value: float | None, unit: float) -> float | None:
-        return None if value is None else number(value * unit)
+        return None if value is None else json_number(value * unit)
 
     limits = {name: of(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
     return OrbitsInSI(
@@ -230,8 +230,8 @@ def attractor_document(item: rattle.Attractor) -> AttractorDocument:
         n_minus=item.n_minus,
         fraction=item.fraction,
         fraction_interval=item.fraction_interval,
-        lyapunov=(number(item.lyapunov[0]), number(item.lyapunov[1])),
-        lyapunov_error=number(item.lyapunov_error),
-        tau=number(item.tau),
-        v=number(item.v),
+        lyapunov=(json_number(item.lyapunov[0]), json_number(item.lyapunov[1])),
+        lyapunov_error=json_number(item.lyapunov_error),
+        tau=json_number(item.tau),
+        v=json_number(item.v),
     )

@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.further.difference import Difference
 from gear_rattle.service.explorer.map.colouring import colouring, layers_of
 from gear_rattle.service.explorer.map.picture import picture_query
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.state import Front
 from gear_rattle.workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
@@ -150,7 +150,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
         assert "none" not in shades
         assert shades["empty slot"] == pytest.approx((kinds[slot] == 0).mean())
         i, j = np.argwhere((kinds[slot] == 0) & (kinds > 0).any(axis=0))[0]
-        assert in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
+        assert cell_in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
         moved, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
         np.testing.assert_array_equal(moved.values, kinds[0])  # read anew: they have been moved
         assert is_of_survey_only("attractor_kind", REQUEST)  # windows are not joined

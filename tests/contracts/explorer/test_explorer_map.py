@@ -19,14 +19,14 @@ from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.map import planes, shared
 from gear_rattle.service.explorer.map.colouring import NAME, colouring, family_places, values_shown
-from gear_rattle.service.explorer.map.cursor import following, stepped, zoomed
+from gear_rattle.service.explorer.map.cursor import cursor_after_steps, following, zoomed
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in
 from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
-from gear_rattle.workers.pictures.levels import groups_of, overview
+from gear_rattle.workers.pictures.levels import levels_in_groups, overview
 from gear_rattle.workers.survey.levels import grid
 from rattle import KINDS
 from rattle.curves import codimension_two
@@ -158,7 +158,7 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
     with open_survey(store) as survey:
         whole = overview(survey, "region", 0, room, None)
         monkeypatch.setattr("gear_rattle.workers.pictures.levels.of_cells", None)
-        levels = groups_of(partial(open_survey, store), None, True)
+        levels = levels_in_groups(partial(open_survey, store), None, True)
         drawn = overview(survey, "region", 0, room, levels)
     xr.testing.assert_identical(drawn, whole)
     assert drawn.region.shape == (8, 15)
@@ -306,11 +306,14 @@ def test_what_is_clicked_is_delta_and_epsilon() -> None:
 def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
     window = plane.box
     at = (plane.delta[10], plane.epsilon[5])
-    assert stepped(plane, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
-    assert stepped(plane, at, window, [0, 0, 1, -1]) == (plane.delta[13], plane.epsilon[3])  # tenths of the window
-    assert stepped(plane, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
+    assert cursor_after_steps(plane, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
+    assert cursor_after_steps(plane, at, window, [0, 0, 1, -1]) == (
+        plane.delta[13],
+        plane.epsilon[3],
+    )  # tenths of the window
+    assert cursor_after_steps(plane, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
     narrow = ((at[0], at[0] + 4e-3), (at[1], at[1] + 4e-3))
-    assert stepped(plane, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
+    assert cursor_after_steps(plane, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
     assert following(narrow, at) == narrow
     (low, high), (bottom, top) = following(narrow, (at[0] + 5e-3, at[1]))
     assert (high - low, bottom, top) == pytest.approx((4e-3, *narrow[1]))
@@ -323,10 +326,10 @@ def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
 
 
 def test_a_cell_in_words(plane: MapPlane) -> None:
-    said = in_words(plane, 0.6, 0.11, plane.box)
+    said = cell_in_words(plane, 0.6, 0.11, plane.box)
     assert said.startswith("δ 0.6000, ε 0.1100: region of the plane")
     assert said.endswith(f", {REGIONS[int(plane.values[5, 9])]}")
-    assert in_words(plane, 2.0, 0.11, plane.box).endswith("outside of the survey")
+    assert cell_in_words(plane, 2.0, 0.11, plane.box).endswith("outside of the survey")
     cell = plane.cell(0.607, 0.113)
     assert cell is not None
     assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])

@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.page import Page
 from gear_rattle.service.explorer.pins import view
-from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_of, known, lines_of
+from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_of, lines_of, results_of_point
 from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
@@ -36,7 +36,7 @@ COUNT = 64
 
 @pytest.fixture(scope="module")
 def told() -> dict[Pin, PinResults | str]:
-    return {pin: known(pin, COUNT) for pin in (HERE, QUIET)}
+    return {pin: results_of_point(pin, COUNT) for pin in (HERE, QUIET)}
 
 
 def parsed(view: View) -> View:

@@ -20,7 +20,7 @@ from gear_rattle.service.database.tables import State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import Atlas
-from gear_rattle.service.explorer.page.form import in_words
+from gear_rattle.service.explorer.page.form import cost_in_words
 from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_like
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from gear_rattle.workers.storage.store import open_groups
@@ -209,5 +209,5 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     assert 0 < cell_seconds(other) < 1
     of_all, at_most = (asyncio.run(estimate(front, each)) for each in (more, refined))
     assert (at_most.seconds, at_most.is_most, of_all.is_most) == (of_all.seconds, True, False)
-    assert "at most about" in in_words(at_most)
-    assert "if all cells were computed" in in_words(at_most)
+    assert "at most about" in cost_in_words(at_most)
+    assert "if all cells were computed" in cost_in_words(at_most)

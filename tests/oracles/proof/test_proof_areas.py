@@ -26,7 +26,7 @@ from rattle.proof.areas.checker.intervals import BlockRefused
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.areas.finder import Prover
 from rattle.proof.areas.piece import PlanePiece, hull
-from rattle.proof.areas.shares import shares
+from rattle.proof.areas.shares import shares_of_claims
 from rattle.proof.balls import arb, arb_series, ball, precision
 
 BETA, DELTA, EPSILON = Fraction(3, 5), (Fraction("0.4"), Fraction(1)), (Fraction(0), Fraction("0.3"))
@@ -111,7 +111,7 @@ def test_quiet_captures_below_what_is_proved():
 
 def test_the_kept_columns_hold_what_the_whole_plane_does():
     tenth = (DELTA[1] - DELTA[0]) * (EPSILON[1] - EPSILON[0]) / 10
-    found = {share.what: share for share in shares(BLOCKS, tenth)}
+    found = {share.what: share for share in shares_of_claims(BLOCKS, tenth)}
     assert found["the region"].proved > 0.99
     assert all(
         found[what].of_where > 0.98 for what in ("C is there", "C attracts", "D is there", "A is there, a saddle")
@@ -209,7 +209,7 @@ def test_how_much_higher_a_bounce_is_than_the_one_before():
     half = np.tanh(delta * after.time / 2) / delta  # of the bounce, from its middle
     middle = tau + np.log1p(delta * half) / delta - np.arctan(delta / (2 * np.pi)) / (2 * np.pi)
     with precision(64):
-        share = arb(epsilon) / quiet_motion.limit(arb_series([arb(delta)]))[0]
+        share = arb(epsilon) / quiet_motion.quiet_limit_enclosure(arb_series([arb(delta)]))[0]
         found = _growth(arb(middle), arb(half), arb(delta), share)
     assert float(found.lower()) < changed / half**3 < float(found.upper())
     assert float(found.upper() - found.lower()) < 8 * abs(changed) / half**3
@@ -226,8 +226,8 @@ def test_a_flight_of_one_impact_is_that_of_a_motion(letter):
         assert float(one_impact.cosines(piece, letter, y)) == pytest.approx(x, abs=1e-13)
         s = arb(0.37)
         found, slope = (
-            one_impact.height(s, arb_series([piece.delta]), arb(x))[0],
-            one_impact.slope(s, piece.delta, arb(x)),
+            one_impact.flight_height(s, arb_series([piece.delta]), arb(x))[0],
+            one_impact.slope_enclosure(s, piece.delta, arb(x)),
         )
         c = (4 * np.pi - 2 * np.pi * 0.09 * np.sin(2 * np.pi * orbit.tau) + orbit.v) / 0.6
         t = orbit.tau + 0.37

@@ -167,7 +167,7 @@ def test_a_set_that_reaches_across_a_graze_has_no_image():
         v, high = (middle, high) if misses else (v, middle)
     v -= 1e-4
     claim = check.Claim.__new__(check.Claim)
-    claim.delta, claim.epsilon, claim.beta = (shared.exact(x) for x in ("0.6", "0.1", "0.6"))
+    claim.delta, claim.epsilon, claim.beta = (shared.exact_fraction(x) for x in ("0.6", "0.1", "0.6"))
     with precision():
         plane = ModelPlane(*(ball(Fraction(x)) for x in ("0.6", "0.1", "0.6")))
         for size, ok in ((1e-5, True), (1.5e-4, False), (1e-3, False)):

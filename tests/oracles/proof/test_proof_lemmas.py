@@ -240,7 +240,7 @@ def test_intervals_of_the_checker_hold_the_balls_of_the_finder():
             middle, radius = rng.uniform(-3, 3), 10 ** rng.uniform(-30, 0.5)
             x = check.IV.mpf([mpf(middle) - mpf(radius), mpf(middle) + mpf(radius)])
             inside = arb(middle) + arb(radius) * arb(rng.uniform(-0.999, 0.999))
-            sine, cosine = check.turned(x)
+            sine, cosine = check.sine_and_cosine(x)
             for found, value in (
                 (sine, (2 * inside).sin_pi()),
                 (cosine, (2 * inside).cos_pi()),

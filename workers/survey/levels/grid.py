@@ -95,7 +95,7 @@ def block_shape(request: SurveyRequest) -> Pair:
     return _pair(max(side, cells) for cells in levels_of(request.shape)[-1].cells)
 
 
-def blocks_of(request: SurveyRequest) -> list[LevelBlock]:
+def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
     """Return the blocks that cover a survey with levels, slice by slice, row by row."""
     rows, columns = (
         [slice(start, min(start + size, num)) for start in range(0, num, size)]

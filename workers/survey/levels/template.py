@@ -16,9 +16,9 @@ from gear_rattle.workers.survey.template import (
     CODECS,
     WHOLE,
     Template,
-    about,
     contents,
     coordinate_values,
+    dimension_name,
     fixed,
     write,
 )
@@ -57,7 +57,7 @@ def meanings(quantity: Quantity) -> tuple[str, ...]:
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
-def described(quantity: Quantity) -> tuple[LevelDescription, ...]:
+def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
     """Return the arrays that a level has of a variable; of complex numbers these are moduli."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
@@ -118,7 +118,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
         cells = dict(zip((f"cells_{name}" for name in CELL), level.cells, strict=True))
         long_name = f"level {level.number}: {' x '.join(map(str, level.cells))} cells of the survey in each"
         group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
-        arrays = [array for quantity in maps(request) for array in described(quantity)]
+        arrays = [array for quantity in maps(request) for array in level_arrays(quantity)]
         _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
         for array in arrays:
             create(root, request, level, array)
@@ -140,7 +140,7 @@ def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, 
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
         write(group, dim, (dim,), centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
-        words = "what is told of the numbers of the cells" if dim == STATISTIC else about(request, dim)
+        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_name(request, dim)
         values = coordinate_values(_labels(request, dim))
         write(group, dim, (dim,), values, {"long_name": words, "units": "1"})
     for name, axis in request.third_axis.items():

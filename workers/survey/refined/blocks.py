@@ -130,7 +130,7 @@ class Blocks:
         return np.flatnonzero(there)
 
 
-def together(parts: Iterable[Leaves]) -> Leaves:
+def cells_together(parts: Iterable[Leaves]) -> Leaves:
     """Leaves of one size in one."""
     many = list(parts)
     block, row, column = (np.concatenate(x) for x in zip(*(each[:3] for each in many), strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from gear_rattle.workers.survey.crossings import Crossings
 from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED
-from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square, together
+from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square, cells_together
 from gear_rattle.workers.survey.refined.evidence import Evidence
 from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
 
@@ -83,7 +83,7 @@ class Tree:
         while size:
             now = [leaves for leaves in waiting if leaves.size == size and leaves.block.size]
             if now:
-                leaves = together(now)
+                leaves = cells_together(now)
                 self.evidence.compute(self.blocks.edges(leaves))
                 if size > 1:
                     same = self._uniform(leaves)

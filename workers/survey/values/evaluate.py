@@ -19,7 +19,7 @@ def orbits(field: str) -> Evaluate:
     return lambda cells: getattr(cells.period_one, field)
 
 
-def grazing(field: str) -> Evaluate:
+def grazing_orbits(field: str) -> Evaluate:
     """Take a field of the curves G1 and G2: shape (2, …, n_delta)."""
     return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
 
@@ -63,7 +63,7 @@ def unlisted_fraction(cells: Cells) -> np.ndarray:
     return _sum(cells, cells.attractors.samples * (_slot(cells) >= cells.slots)) / cells.count
 
 
-def watched_periods(cells: Cells) -> np.ndarray:
+def observed_periods(cells: Cells) -> np.ndarray:
     """Return the forcing periods of observation of chaotic or undecided samples; NaN where every sample settled."""
     least = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmin.at(least, cells.attractors.cell, cells.attractors.watched)
@@ -80,7 +80,7 @@ def _sum(cells: Cells, weights: np.ndarray) -> np.ndarray:
     return np.bincount(cells.attractors.cell, weights, cells.delta.size * cells.epsilon.size).reshape(cells.shape)
 
 
-def number(cells: Cells) -> np.ndarray:
+def attractor_count(cells: Cells) -> np.ndarray:
     """Count the attractors of each cell, beyond the slots too."""
     return _sum(cells, np.ones(cells.attractors.cell.size))
 

@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from .intervals import IV, BlockRefused, Interval, between, exact, require
+from .intervals import IV, BlockRefused, Interval, exact, interval_between, require
 from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
@@ -34,7 +34,7 @@ Ends = tuple[Fraction, Fraction]
 column = lru_cache(maxsize=64)(Column)  # what is found of some δ serves all claims there
 
 
-def prove(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
+def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
     """Raise Refused unless a claim holds at all points of a block: as a whole, or in halves."""
     try:
         prove_whole(claim, beta, delta, epsilon)
@@ -43,18 +43,18 @@ def prove(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0
             raise
         half = (delta[0] + delta[1]) / 2
         for part in ((delta[0], half), (half, delta[1])):
-            prove(claim, beta, part, epsilon, depth + 1)
+            prove_claim(claim, beta, part, epsilon, depth + 1)
 
 
 def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
     """Prove a claim for the whole of a block."""
-    d, e = between(*delta), between(*epsilon)
+    d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
         return require_possible(d, e, QUIET[claim])
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
-            found = one(letter, state, d, between(beta, beta), squares)
+            found = check_one(letter, state, d, interval_between(beta, beta), squares)
         else:
             found = two(1 if letter == "D" else -1, state, column(delta, beta), squares)
         require(found == state, f"{letter} is {found}, not {state}")
@@ -64,7 +64,7 @@ def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
     """Likewise, that quiet captures below a speed."""
     try:
-        Capture(between(*delta), between(*epsilon), between(beta, beta)).require_below(speed)
+        Capture(interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)).require_below(speed)
     except BlockRefused:
         if depth == DEEPEST_CAPTURE:
             raise
@@ -75,7 +75,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
             prove_captured(beta, *both, speed, depth + 1)
 
 
-def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
+def check_one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
     """Return the state of A or C."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.there():
@@ -103,11 +103,11 @@ def check(text: str) -> str:
         if claim == CAPTURES:
             speed = exact(document["speed"])
             require(speed > 0, "its speed is not positive")
-            prove_captured(beta, delta, epsilon, between(speed, speed))
+            prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
             require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")
-            prove(claim, beta, delta, epsilon)
+            prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
         raise BlockRefused(f"it cannot be read: {error}") from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"

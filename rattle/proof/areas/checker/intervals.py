@@ -33,7 +33,7 @@ def exact(text: str) -> Fraction:
     return Fraction(text)
 
 
-def between(low: Fraction, high: Fraction) -> Interval:
+def interval_between(low: Fraction, high: Fraction) -> Interval:
     """Return the numbers from one to the other."""
     first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
     return IV.mpf([first.a, last.b])
@@ -109,7 +109,7 @@ class Jet:
 
     def turn(self, half: int) -> "tuple[Jet, Jet]":
         """Sine and cosine of so many times half a turn."""
-        sine, cosine = turned(half * PI * self.x)
+        sine, cosine = sine_and_cosine_of(half * PI * self.x)
         return self.of(sine, half * PI * cosine), self.of(cosine, -half * PI * sine)
 
 
@@ -118,7 +118,7 @@ def middle(x: Interval) -> Interval:
     return IV.mpf(x.mid)
 
 
-def turned(angle: Interval) -> tuple[Interval, Interval]:
+def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
     """Sine and cosine."""
     return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
 

@@ -11,7 +11,7 @@ def sine_of(d: Jet) -> Jet:
     return 2 - d * (1 + end) / (1 - end)
 
 
-def height(t: Jet, d: Jet, x: Interval) -> Jet:
+def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
     """Φ − β at t after the impact, which leaves with −2πδ."""
     sine, cosine = t.turn(2)
     y = sine_of(d)
@@ -47,8 +47,8 @@ class OneImpact:
         while parts:
             low, high = parts.pop()
             box = ParameterBox(IV.mpf([low.a, high.b]), self.d)
-            over = height(*box.jets, self.x)
-            y = box.about(height(*box.centre, self.x).x, over)
+            over = height_at(*box.jets, self.x)
+            y = box.about(height_at(*box.centre, self.x).x, over)
             leaves = less(over.s, ZERO) if low == 0 else less(ZERO, over.s) if high == 1 else less(y, ZERO)
             if not (leaves and less(-2 * self.beta, y)):
                 if less(high - low, SHORTEST):
@@ -62,11 +62,11 @@ class OneImpact:
         t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
         for _ in range(3):
             places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
-            t = min(places, key=lambda each: float(height(Jet(each), d, self.x.a).x.mid.a))
+            t = min(places, key=lambda each: float(height_at(Jet(each), d, self.x.a).x.mid.a))
             step = step / PLACES
         require(less(ZERO, t) and less(t, ONE), "a flight is lowest at its ends")
         box = ParameterBox(t, self.d)
-        return less(box.about(height(*box.centre, self.x.a).x, height(*box.jets, self.x.a)), -2 * self.beta)
+        return less(box.about(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta)
 
     def attracts(self) -> bool:
         """Return whether both multipliers are inside the unit circle everywhere; else one is outside everywhere."""

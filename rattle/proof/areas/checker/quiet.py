@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from .intervals import IV, PI, ZERO, Interval, between, decayed, less, require, turned
+from .intervals import IV, PI, ZERO, Interval, decayed, interval_between, less, require, sine_and_cosine_of
 
 PARTS = 192  # of a period
 UNDONE = IV.mpf(96) / 100  # of the damping, at most
@@ -28,7 +28,7 @@ class Capture:
 
     def require_below(self, speed: Interval) -> None:
         """Refuse unless v³/g falls from each bounce to the next, if the first is slower than this."""
-        places = [between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
+        places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
         for part in places:  # v³/g is at most what it is where g is least
             v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force(part)[0].b / self.weakest) / 3) * UP
@@ -40,7 +40,7 @@ class Capture:
 
     def force(self, t: Interval) -> tuple[Interval, Interval, Interval]:
         """Return g, and r times sine and cosine of the time since it was least."""
-        sine, cosine = turned(2 * PI * t)
+        sine, cosine = sine_and_cosine_of(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
     def half(self, t: Interval, v: Interval) -> Interval:

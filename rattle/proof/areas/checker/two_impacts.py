@@ -12,13 +12,13 @@ from .intervals import (
     Interval,
     Jet,
     ParameterBox,
-    between,
     decayed,
     force,
+    interval_between,
     less,
     middle,
     require,
-    turned,
+    sine_and_cosine_of,
 )
 
 SHARE, SHORTEST = Fraction(1, 64), 2.0**-13  # of the width in δ, to which s is cut; a part of a flight
@@ -138,7 +138,7 @@ class Cell(ParameterBox):
 
     def push(self, t: Interval) -> Interval:
         """Return g at t after Σ⁺."""
-        sine, cosine = turned(2 * PI * t - PI * self.s)
+        sine, cosine = sine_and_cosine_of(2 * PI * t - PI * self.s)
         z1, z2 = (z.x for z in self.z)
         return force(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
 
@@ -148,7 +148,7 @@ class Cell(ParameterBox):
         z1, z2 = (z.x for z in self.z)
 
         def driven(at: Interval) -> Interval:
-            sine, cosine = turned(2 * PI * at - PI * self.s)
+            sine, cosine = sine_and_cosine_of(2 * PI * at - PI * self.s)
             return 4 * PI - 2 * PI * (z1 * cosine + z2 * sine)
 
         return driven(t) + (w - driven(since)) * decayed(self.d * (t - since))
@@ -158,13 +158,17 @@ class Column:
     """All motions of one period at some δ."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
-        self.d, self.beta, self.narrowest = between(*delta), between(beta, beta), SHARE * (delta[1] - delta[0])
+        self.d, self.beta, self.narrowest = (
+            interval_between(*delta),
+            interval_between(beta, beta),
+            SHARE * (delta[1] - delta[0]),
+        )
         self.cells: dict[Part, Cell] = {}
 
     def cell(self, low: Fraction, high: Fraction) -> Cell:
         """Return the cell of solutions with s between two numbers."""
         if (low, high) not in self.cells:
-            self.cells[low, high] = Cell(between(low, high), self.d, self.beta)
+            self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
     def runs(self, rises: int, low: Interval, high: Interval) -> list[list[Part]]:
@@ -189,7 +193,7 @@ class Column:
         """Return whether ε goes through all these values along a run; at its ends it has none of them, at any δ."""
         sides = []
         for s in (run[0][0], run[-1][1]):
-            e = Cell(between(s, s), middle(self.d), self.beta).e.x
+            e = Cell(interval_between(s, s), middle(self.d), self.beta).e.x
             require(less(e, low) or less(high, e), "it is not told where a family of motions ends")
             sides.append(1 if less(high, e) else -1)
         return sides == [-rises, rises]
