@@ -28,6 +28,8 @@ OTHERS = (BETA.name, *ADDED)
 class CapabilityError(ParameterError):
     """Something that a model does not have; the message says which models have it."""
 
+    code = "model_lacks_capability"
+
 
 def owner_of(name: str) -> type[Model]:
     """Return the model that adds a parameter."""

@@ -118,8 +118,8 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
             writer.writerow(
                 (
                     *here, found.chances.starts, legend_name(each), each.kind, letter,
-                    each.m, each.n_plus, each.n_minus, each.fraction, *each.fraction_interval, each.lyapunov[0], each.lyapunov_error, each.lyapunov[1],
-                    each.tau, each.v,
+                    each.m, each.n_plus, each.n_minus, each.fraction, *each.fraction_interval,
+                    each.lyapunov[0], each.lyapunov_error, each.lyapunov[1], each.tau, each.v,
                 )
             )  # fmt: skip
     return text.getvalue()

@@ -66,7 +66,7 @@ class Tangency(BaseModel):
     )
 
 
-class PointDocument(BaseModel):
+class CurvePointDocument(BaseModel):
     """A codimension-two point."""
 
     name: str
@@ -92,7 +92,7 @@ class Curves(_Numbers):
 
     window: RectangleDocument
     curves: list[CurveDocument]
-    points: list[PointDocument]
+    points: list[CurvePointDocument]
 
 
 @router.get(
