@@ -15,10 +15,13 @@ class ServiceError(RattleError):
     """Base of every error of the front end and of its client."""
 
     __module__ = "gear_rattle"
+    code = "service_error"
 
 
 class UnknownSurveyError(ServiceError):
     """No survey has this id."""
+
+    code = "unknown_survey"
 
     def __init__(self, survey_id: str) -> None:
         super().__init__(f"There is no survey {survey_id!r}. GET /v1/surveys lists the surveys of this service.")
@@ -27,6 +30,8 @@ class UnknownSurveyError(ServiceError):
 class UnknownKeyError(ServiceError):
     """No API key has this id."""
 
+    code = "unknown_key"
+
     def __init__(self, key_id: str) -> None:
         super().__init__(f"There is no key {key_id!r}.")
 
@@ -34,39 +39,56 @@ class UnknownKeyError(ServiceError):
 class UnauthorizedError(ServiceError):
     """A key is asked, and there is none, or none that is known."""
 
+    code = "unauthorized"
+
 
 class ForbiddenError(ServiceError):
     """The caller is known, or need not be, and still may not do this."""
 
+    code = "forbidden"
+
 
 class QuotaError(ForbiddenError):
     """The key has used up what it may."""
+
+    code = "quota_exceeded"
 
 
 class WaitTimeoutError(ServiceError, TimeoutError):
     """A survey has not ended in the time for which somebody waited."""
 
     __module__ = "gear_rattle"
+    code = "wait_timeout"
 
 
 class MissingError(ServiceError):
     """The survey exists, what was asked of it does not."""
 
+    code = "not_in_survey"
+
 
 class AccessError(ServiceError):
     """The service would be open to everybody, or to nobody."""
+
+    code = "unsafe_access"
 
 
 class AddressError(ServiceError):
     """The address cannot be listened at."""
 
+    code = "address_unavailable"
+
 
 class ConflictError(ServiceError):
     """The request contradicts what the service already holds."""
 
+    code = "conflict"
+
 
 class LimitError(ServiceError):
     """The request is well formed, but larger than this service allows."""
+
+    code = "limit_exceeded"
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(message)
@@ -76,13 +98,19 @@ class LimitError(ServiceError):
 class QueueFullError(ServiceError):
     """Too many surveys are waiting or running."""
 
+    code = "queue_full"
+
 
 class UnavailableError(ServiceError):
     """The service cannot answer now; the same request may succeed later."""
 
+    code = "unavailable"
+
 
 class DirectoryAwayError(UnavailableError):
     """The data directory is not there, or another one is in its place."""
+
+    code = "data_directory_away"
 
     def __init__(self) -> None:
         super().__init__(
@@ -94,6 +122,8 @@ class DirectoryAwayError(UnavailableError):
 class KernelsError(UnavailableError):
     """The request waits for kernels that are being compiled."""
 
+    code = "compiling_kernels"
+
     def __init__(self) -> None:
         super().__init__(
             "Kernels are being compiled, which a service does once after it was installed or updated. Try again in a "
@@ -103,6 +133,8 @@ class KernelsError(UnavailableError):
 
 class DataDirectoryError(ServiceError):
     """The data directory or the job database cannot be used: foreign, not writable, or held by another server."""
+
+    code = "data_directory_unusable"
 
 
 class ResponseError(ServiceError):
@@ -117,6 +149,7 @@ class ResponseError(ServiceError):
     """
 
     __module__ = "gear_rattle"
+    code = "error_response"
 
     def __init__(self, status: int, message: str, problem: Mapping[str, Any]) -> None:
         super().__init__(message)

@@ -231,6 +231,7 @@ PROBLEM: dict[str, Any] = {
     "type": "about:blank",
     "title": "Unprocessable Content",
     "status": 422,
+    "code": "invalid_request",
     "detail": "body.delta.num: must be at least 2, got 1",
     "instance": "/v1/surveys",
     "errors": [{"field": "body.delta.num", "message": "must be at least 2, got 1"}],

@@ -72,6 +72,24 @@ ADVICE = {
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
+#: Codes of errors that are no exception of this project, by their status.
+CODES = {
+    400: "bad_request",
+    401: "unauthorized",
+    403: "forbidden",
+    404: "not_found",
+    405: "method_not_allowed",
+    408: "request_timeout",
+    413: "body_too_large",
+    414: "url_too_long",
+    415: "unsupported_media_type",
+    416: "range_not_satisfiable",
+    422: "invalid_request",
+    431: "headers_too_large",
+    500: "internal_error",
+    503: "unavailable",
+}
+
 
 class FieldError(BaseModel):
     """One field that was refused."""
@@ -86,6 +104,7 @@ class Problem(BaseModel):
     type: str = "about:blank"
     title: str = Field(description="the HTTP status in words")
     status: int
+    code: str = Field(description="stable name of the kind of error, for programs")
     detail: str = Field(description="what went wrong and what to do")
     instance: str = Field("", description="path of the request")
     errors: list[FieldError] = Field(default_factory=list, description="refused fields, if there are any")
@@ -106,11 +125,13 @@ def problem_response(
     instance: str,
     field_errors: Iterable[FieldError] = (),
     headers: Mapping[str, str] | None = None,
+    code: str = "",
 ) -> Response:
     """Return the answer for one error, always valid JSON, whatever text the request smuggled into it."""
     problem = Problem(
         title=HTTPStatus(status).phrase,
         status=status,
+        code=code or CODES.get(status, "error"),
         detail=detail,
         instance=instance,
         errors=list(field_errors),
@@ -188,7 +209,8 @@ def _on_known_error(request: Request, error: Exception) -> Response:
     # What a database error says is about SQL, which helps nobody outside.
     detail = ADVICE[503] if isinstance(error, SQLAlchemyError) else ADVICE[500] if status == 500 else str(error)
     fields = [FieldError(field=error.field, message=str(error))] if isinstance(error, errors.LimitError) else []
-    return problem_response(status, detail, request.url.path, fields, HEADERS_OF.get(status))
+    code = error.code if isinstance(error, RattleError) and status != 500 else ""
+    return problem_response(status, detail, request.url.path, fields, HEADERS_OF.get(status), code)
 
 
 def answer(request: Request, error: Exception) -> Response:
