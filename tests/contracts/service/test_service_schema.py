@@ -145,7 +145,11 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute", compute)
-        for kind, name in ((Crises, "of"), (DesignLimits, "along"), (windows, "refine_window")):  # each takes half a minute
+        for kind, name in (
+            (Crises, "of"),
+            (DesignLimits, "along"),
+            (windows, "refine_window"),
+        ):
             patch.setattr(kind, name, too_long)
         thread.start()
         try:
