@@ -83,7 +83,7 @@ class Parameter:
 
     @property
     def advice(self) -> str:
-        """What to give, in words."""
+        """Advice for the value, in words."""
         return f"such as {self.example:g}"
 
     @property
@@ -96,6 +96,11 @@ def parameters_in(module: str) -> tuple[Parameter, ...]:
     """Return what the file `declaration.toml` beside a module declares.
 
     It is a file because commands and the client read it too, which do not load the library.
+
+    Returns
+    -------
+    tuple[Parameter, ...]
+        The parameters.
     """
     declared = tomllib.loads(Path(module).with_name("declaration.toml").read_text(encoding="utf-8"))
     return tuple(Parameter(**each) for each in declared["parameters"])

@@ -1,4 +1,4 @@
-"""What is computed so that every kernel that the service needs of a model is compiled: small pieces of its work."""
+"""Compute small pieces of work, so that every kernel that the service needs of a model is compiled."""
 
 from __future__ import annotations
 

@@ -57,21 +57,27 @@ class Kernels:
 
     @property
     def at_work(self) -> bool:
-        """Whether kernels are being compiled now."""
+        """True if kernels are being compiled now."""
         return any(not task.done() and not self.has(model) for model, task in self._tasks.items())
 
     def has(self, model: str) -> bool:
-        """Whether the kernels of this model need not be compiled any more."""
+        """Return whether the kernels of this model need not be compiled any more."""
         return model in self._ready and self._ready[model].is_set()
 
     async def require(self, model: str, patience: float | None = None) -> None:
         """Wait until the kernels of this model are there.
 
-        Args:
-            patience: seconds; by default as long as points may be computed.
+        Parameters
+        ----------
+        model : str
+            The name of the model.
+        patience : float, optional
+            Seconds; by default as long as points may be computed.
 
-        Raises:
-            KernelsError: they are still being compiled, or too many wait already.
+        Raises
+        ------
+        KernelsError
+            They are still being compiled, or too many wait already.
         """
         self.begin(model)
         if self.has(model):
@@ -88,7 +94,7 @@ class Kernels:
             self._waiting -= 1
 
     async def _compile(self, model: str) -> None:
-        """Each in a process that is killed when the service ends, which ends the one that compiles."""
+        """Compile in a process that is killed when the service ends, which ends the one that compiles."""
         try:
             for module, work in WORKS:
                 await to_process.run_sync(compile_apart, module, work, model, cancellable=True)

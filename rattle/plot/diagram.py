@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram
-from rattle.continuation.followed import Followed
+from rattle.continuation.followed import FollowedBranch
 from rattle.continuation.motions import Segment
-from rattle.continuation.sweeps import Points
+from rattle.continuation.sweeps import SweepPoints
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.models import ADDED
 from rattle.numerics.complex_step import Array
 from rattle.plot import paper_ranges as ranges
-from rattle.plot.colours import name_of as name_of_type
+from rattle.plot.colours import legend_name as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
 from rattle.stiff.bifurcations.diagram import diagram as stiff_diagram
@@ -46,8 +46,9 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 
 
 class ImpactCurve(NamedTuple):
-    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between; of the part that follows each
-    of them: stable, admissible, name of the period-one orbit.
+    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between.
+
+    Of the part that follows each of them: stable, admissible, name of the period-one orbit.
     """
 
     x: Array
@@ -59,17 +60,21 @@ class ImpactCurve(NamedTuple):
 
 
 def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
-    """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
+    """Draw (a) v and (b) τ against the parameter, limits of the panels given or found.
 
-    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
-    names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
+    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked.
+
+    Returns
+    -------
+    Figure
+        The figure.
     """
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
     return _drawn(diagram, v, tau)
 
 
 def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
-    """The figure; aside: room beyond both ends of the parameter, of its range."""
+    """Return the figure; aside: room beyond both ends of the parameter, of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
@@ -98,8 +103,8 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
 
 
 def branch_figure(branch: Any) -> Figure:
-    """The figure of one branch alone, of either model: as that of a diagram along its span, without attractors."""
-    require(isinstance(branch, Followed), f"branch must be a Branch, got {type(branch).__name__}")
+    """Return the figure of one branch alone, as that of a diagram along its span without attractors."""
+    require(isinstance(branch, FollowedBranch), f"branch must be a Branch, got {type(branch).__name__}")
     found: Any = branch
     at = found.parameters
     way = at[np.argmax(np.abs(at - at[0]).sum(axis=1))] - at[0]
@@ -116,7 +121,7 @@ def branch_figure(branch: Any) -> Figure:
         {name: values[ends] for name, values in found.added.items()},
         (found,),
         tuple(event for event in found.events if event.admissible),
-        Points._make([np.empty(0)] * len(Points._fields)),
+        SweepPoints._make([np.empty(0)] * len(SweepPoints._fields)),
         AttractorTable.empty(),
         (),
         (),
@@ -128,9 +133,19 @@ def branch_figure(branch: Any) -> Figure:
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Figures 5 and 9: the diagram along ε at one damping; at the paper's parameters in the paper's window.
+    """Draw Figures 5 and 9: the diagram along ε at one damping.
 
-    Raises ParameterError.
+    At the paper's parameters in the paper's window.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
@@ -138,7 +153,7 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
 
 
 def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """The same of the stiff gear, in the same windows. Raises ParameterError."""
+    """Return the same of the stiff gear, in the same windows. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _notes(found))
@@ -153,7 +168,7 @@ def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
 
 
 def _fixed(diagram: Diagram[Any, Any]) -> str:
-    """The parameters that do not change along a diagram."""
+    """Return the parameters that do not change along a diagram."""
     added = {ADDED[name].symbol: values for name, values in diagram.added.items()}
     names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), **added}
     return ", ".join(f"{name} = {values[0]:g}" for name, values in names.items() if values[0] == values[-1])
@@ -188,7 +203,7 @@ def impacts_at(event: Any) -> tuple[Array, Array]:
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Every impact of a branch on Σ⁺, with the events put in between its points."""
+    """Yield every impact of a branch on Σ⁺, with the events put in between its points."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -208,7 +223,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """The parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
+    """Yield the parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0
@@ -230,7 +245,7 @@ def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
 
 
 def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """The points of the sweeps, the backward ones smaller on top of the forward ones."""
+    """Draw the points of the sweeps, the backward ones smaller on top of the forward ones."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -254,7 +269,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
 
 
 def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
-    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v are in the limit."""
+    """Name A to D beside their curves; in one word where they are one curve, as A and C in v are in the limit."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -272,13 +287,13 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve
 
 
 def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Which points are inside the panel."""
+    """Return flags of points inside the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
 def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """What is drawn of a curve inside the panel (k, 2), NaN between pieces."""
+    """Return the drawn lines (k, 2) of a curve inside the panel, NaN between pieces."""
     on = _seen(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 

@@ -23,14 +23,22 @@ async def in_turn(
     what: str,
     advice: str,
 ) -> Result:
-    """What `compute` returns for these arguments, all of which can be pickled.
+    """Return the result of `compute` for these arguments, all of which can be pickled.
 
     In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
     extreme parameters it takes minutes. Its time is counted from when the kernels of the `model` are there.
 
-    Raises:
-        KernelsError: they are still being compiled.
-        UnavailableError: too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
+    Returns
+    -------
+    Result
+        The result.
+
+    Raises
+    ------
+    KernelsError
+        They are still being compiled.
+    UnavailableError
+        Too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
     """
     limits = front.settings
     with front.interruptible():

@@ -210,7 +210,7 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
     expect(page.get_by_role("checkbox", name="log scale")).to_be_checked()
     assert query(page) == view
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(15, 19, 23)"
-    page.get_by_role("button", name="Save window as survey").click()
+    page.get_by_role("button", name="New survey from this view").click()
     for label, value in {"δ from": "0.5", "δ to": "0.75", "ε from": "0.05", "ε to": "0.2"}.items():
         expect(page.get_by_label(label, exact=True)).to_have_value(value)
     for form, begin in {"PNG": b"\x89PNG", "SVG": b"<?xml", "PDF": b"%PDF"}.items():

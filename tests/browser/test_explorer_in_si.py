@@ -60,7 +60,7 @@ def test_a_machine_that_is_entered_is_heard_and_has_a_yield(page: Page, service:
     page.get_by_role("button", name="Play", exact=True).click()
     page.locator("audio").wait_for(state="attached")
     field(page, "σ of eccentricity, µm", "4")
-    page.get_by_role("button", name="Ellipse and yield").click()
+    page.get_by_role("button", name="Compute yield").click()
     expect(beside).to_contain_text("of the gears pass")
     page.wait_for_url("**p.tolerance=**")
 

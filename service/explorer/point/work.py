@@ -94,9 +94,14 @@ class Work:
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
     ) -> Result:
-        """What a function returns, from a process of its own. Slow ones never take all processes.
+        """Return the result of a function, from a process of its own. Slow ones never take all processes.
 
         Raises UnavailableError.
+
+        Returns
+        -------
+        Result
+            The result.
         """
         await self.kernels()
         async with self._front.slow_points.one() if slow else nullcontext():

@@ -25,7 +25,7 @@ Damping = Annotated[float, Query(gt=0, le=FARTHEST, allow_inf_nan=False)]
 Eccentricity = Annotated[float, Query(ge=0, le=FARTHEST, allow_inf_nan=False)]
 
 
-class Rectangle(BaseModel):
+class RectangleDocument(BaseModel):
     """A window of the plane."""
 
     delta: tuple[float, float]
@@ -65,7 +65,7 @@ class Tangency(BaseModel):
     )
 
 
-class PointDocument(BaseModel):
+class CurvePointDocument(BaseModel):
     """A codimension-two point."""
 
     name: str
@@ -76,22 +76,22 @@ class PointDocument(BaseModel):
     tangency: list[Tangency]
 
 
-class _Plain(BaseModel):
+class _PlainCurve(BaseModel):
     beta: float
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainCurve
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainCurve)
 
 
 class Curves(_Numbers):
     """The bifurcation curves inside a window, and all codimension-two points of the model."""
 
-    window: Rectangle
+    window: RectangleDocument
     curves: list[CurveDocument]
-    points: list[PointDocument]
+    points: list[CurvePointDocument]
 
 
 @router.get(
@@ -110,7 +110,7 @@ async def curves(
     epsilon_max: Eccentricity = 1.0,
     **added: float | None,
 ) -> Curves:
-    """A curve that does not cross the window has no points."""
+    """Return a curve that does not cross the window has no points."""
     window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
     for name, (low, high) in window.items():
         if not low < high:
@@ -128,4 +128,4 @@ async def curves(
         advice="Ask for a smaller window.",
     )
     numbers: dict[str, Any] = added_document(model.numbers)
-    return Curves(beta=beta, **numbers, window=Rectangle(**window), **found)
+    return Curves(beta=beta, **numbers, window=RectangleDocument(**window), **found)
