@@ -76,7 +76,7 @@ def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) 
 
 def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBlock]:
     """Return the blocks of a column that a process of its own proves, which never imports the main module."""
-    command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
+    command = [sys.executable, "-c", f"from {__name__} import serve_columns; serve_columns()"]
     asked = pickle.dumps((beta, delta, epsilon))
     answer = subprocess.run(command, input=asked, stdout=subprocess.PIPE, env=environment(), check=True).stdout
     blocks: list[ProvedBlock] | Exception = pickle.loads(answer)

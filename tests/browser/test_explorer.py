@@ -43,7 +43,7 @@ def region_at(delta: float, epsilon: float) -> str:
 def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faults) -> None:
     held.hold(1)
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     page.get_by_label("Name", exact=True).fill("from the form")
     for label, value in {
         "δ values": 24,
@@ -94,7 +94,7 @@ def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faul
 @deep
 def test_a_form_that_cannot_be_sent_says_why(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     page.get_by_label("δ from", exact=True).fill("2")
     page.get_by_label("δ from", exact=True).press("Enter")
     expect(page.get_by_text("must be below stop")).to_be_visible()

@@ -22,7 +22,7 @@ def field(page: Page, label: str, value: str) -> None:
 @deep
 def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     page.get_by_label("Axes", exact=True).select_option(label="a machine: rpm, µm")
     field(page, "Name", "in SI")
     for label, value in {"rpm from": "1500", "Drag, N m s/rad": "0.05", "Initial conditions": "1"}.items():

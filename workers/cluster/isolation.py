@@ -19,7 +19,7 @@ from rattle.numerics import environment
 ATTEMPTS = 2
 #: Processor time of one cell, in seconds: a hundred times what the slowest took that is known to end.
 CELL_SECONDS = 600
-_START = f"from {__name__} import serve; serve()"
+_START = f"from {__name__} import serve_cells; serve_cells()"
 
 
 def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
