@@ -132,7 +132,7 @@ class Visitor:
         self._select(choice, value=self._chance.choice(options))
 
     def limits(self) -> None:
-        choice, index = self._page.get_by_label("Colours span"), self._chance.randrange(3)
+        choice, index = self._page.get_by_label("Colour range"), self._chance.randrange(3)
         if choice.is_visible() and choice.is_enabled():
             self._select(choice, index=index)
 

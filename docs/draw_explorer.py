@@ -107,7 +107,7 @@ def tolerances(page: Page) -> None:
     """Ask for the ellipse and the yield of the open point."""
     page.get_by_label("σ of eccentricity, µm").fill("1.5")
     page.keyboard.press("Enter")
-    page.get_by_role("button", name="Ellipse and yield").click()
+    page.get_by_role("button", name="Compute yield").click()
 
 
 POINT = ("600 × 600 cells", "periodic motions")
@@ -128,7 +128,7 @@ VIEWS: dict[str, View] = {
             "epsilon": "0.0978908122,0.0978908132",
         },
     ),
-    "go-to": View("To go to a point", {"survey": FIGURE_7}, press("Go to a point"), ("Given",)),
+    "go-to": View("To go to a point", {"survey": FIGURE_7}, press("Go to a point"), ("Enter as",)),
     "point": View(
         "A clicked point", {"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1"}, until=POINT
     ),
@@ -148,7 +148,7 @@ VIEWS: dict[str, View] = {
     "beside": View(
         "Two maps, and points that are compared",
         {"survey": FIGURE_7, "variable": "attractor_kind", "pins": "0.6,0.1,0.6;0.8,0.2,0.6"},
-        press("Map beside"),
+        press("Add a second map"),
     ),
     "slices": View("A slice of a survey with a third axis", {"survey": GAPS, "slice": "2"}),
     "stiff": View("Teeth that give way", {"survey": STIFF, "variable": "attractor_kind"}),

@@ -1,4 +1,4 @@
-"""What a worker of somebody's own cluster loads before it reports: ``dask worker … --preload gear_rattle.cluster``."""
+"""Module that a worker of your own cluster loads before it reports: ``dask worker … --preload gear_rattle.cluster``."""
 
 from gear_rattle.workers.cluster import dask_setup
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,19 +16,33 @@ MOST_MEANT = 3  # names that one may have meant
 
 
 class RattleError(Exception):
-    """Base of every exception that this project raises."""
+    """Base of every exception that this project raises.
+
+    Attributes
+    ----------
+    code : str
+        Stable name of the kind of error, for programs: people read the message, which may change.
+    """
+
+    code: ClassVar[str] = "not_computable"
 
 
 class ParameterError(RattleError, ValueError):
     """A parameter or an initial condition outside the model's domain; the message says which and why."""
 
+    code = "invalid_parameter"
+
 
 class NotProvedError(RattleError):
     """A claim that could not be proved, which may still be true; the message says at what it failed."""
 
+    code = "not_proved"
+
 
 class MissingExtraError(RattleError, ImportError):
     """An optional dependency that is not installed; the message names the extra that brings it."""
+
+    code = "missing_extra"
 
 
 def require(ok: bool, message: str) -> None:
@@ -85,7 +99,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _shortened(value: object) -> str:
-    """What was given, for a message; the digits of a huge integer cannot all be printed."""
+    """Return the value for a message; the digits of a huge integer cannot all be printed."""
     try:
         return repr(value)[:80]
     except ValueError:

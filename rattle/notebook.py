@@ -38,30 +38,42 @@ class Tabular:
     """The part of a result that shows it: in a line, in a notebook as a table, and as a DataFrame."""
 
     def __repr__(self: Shown) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self: Shown) -> str:
         return html_of(self)
 
     def to_dataframe(self: Shown) -> DataFrame:
-        """Return its table: a row for each attractor of basins, event of a diagram, impact of an orbit, or point of a
-        branch or a curve. Raises MissingExtraError without pandas.
+        """Return its table.
+
+        A row for each attractor of basins, event of a diagram, impact of an orbit, or point of a branch or a curve.
+
+        Returns
+        -------
+        DataFrame
+            The table.
+
+        Raises
+        ------
+        MissingExtraError
+            Without pandas.
         """
         return dataframe_of(self)
 
 
 def line_of(result: Shown) -> str:
-    """What `repr` says of a result."""
+    """Return the text that `repr` shows for a result."""
     return f"<{result._caption()}>"
 
 
 def html_of(result: Shown) -> str:
-    """What a notebook shows of a result."""
+    """Return the HTML that a notebook shows for a result."""
     return html(result._caption(), result._columns())
 
 
 def dataframe_of(result: Shown) -> DataFrame:
-    """The table of a result. Raises MissingExtraError without pandas."""
+    """Return the table of a result. Raises MissingExtraError without pandas."""
     try:
         import pandas
     except ModuleNotFoundError as error:
@@ -72,7 +84,7 @@ def dataframe_of(result: Shown) -> DataFrame:
 def dataset_of(
     variables: Mapping[str, tuple[Any, ...]], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]
 ) -> Dataset:
-    """An xarray.Dataset; arguments as its own. Raises MissingExtraError without xarray."""
+    """Return an xarray.Dataset; arguments as its own. Raises MissingExtraError without xarray."""
     try:
         import xarray
     except ModuleNotFoundError as error:
@@ -81,16 +93,26 @@ def dataset_of(
 
 
 def figure_of(result: Shown, drawn_by: str) -> Figure:
-    """The picture of a result, by this function of `rattle.plot`, which is loaded by its name: it knows all results.
+    """Return the picture of a result, by this function of `rattle.plot`, which is loaded by its name.
 
-    Raises MissingExtraError without matplotlib.
+    It knows all results.
+
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
     """
     drawn: Figure = getattr(import_module("rattle.plot"), drawn_by)(result)
     return drawn
 
 
-def motion(m: int, n_plus: int, n_minus: int) -> str:
-    """The label P(m, n₊, n₋) of a periodic motion."""
+def motion_label(m: int, n_plus: int, n_minus: int) -> str:
+    """Return the label P(m, n₊, n₋) of a periodic motion."""
     return f"P({m}, {n_plus}, {n_minus})"
 
 
@@ -105,7 +127,7 @@ def table_of(columns: Columns) -> str:
 
 
 def html(caption: str, columns: Columns) -> str:
-    """A table; of a long one the first and the last rows."""
+    """Return a table; of a long one the first and the last rows."""
     length = max((len(values) for values in columns.values()), default=0)
     shown: Iterable[int | None] = range(length)
     if length > ROWS:

@@ -41,6 +41,10 @@ class Parameter:
         Its unit, "1" for a number without one.
     is_axis : bool
         Whether it may be the third axis of a survey.
+    path_power : float
+        The power of it that changes evenly along a path of parameters.
+    path_label : str
+        The name of that power in words, for an axis.
     machine_number : str, optional
         The number of a `rattle.Machine` that makes it.
     machine_text, machine_absent : str
@@ -59,6 +63,8 @@ class Parameter:
     greatest: float = math.inf
     unit: str = "1"
     is_axis: bool = True
+    path_power: float = 1.0
+    path_label: str = ""
     machine_number: str | None = None
     machine_text: str = ""
     machine_absent: str = ""
@@ -77,7 +83,7 @@ class Parameter:
 
     @property
     def advice(self) -> str:
-        """What to give, in words."""
+        """Advice for the value, in words."""
         return f"such as {self.example:g}"
 
     @property
@@ -90,6 +96,11 @@ def parameters_in(module: str) -> tuple[Parameter, ...]:
     """Return what the file `declaration.toml` beside a module declares.
 
     It is a file because commands and the client read it too, which do not load the library.
+
+    Returns
+    -------
+    tuple[Parameter, ...]
+        The parameters.
     """
     declared = tomllib.loads(Path(module).with_name("declaration.toml").read_text(encoding="utf-8"))
     return tuple(Parameter(**each) for each in declared["parameters"])

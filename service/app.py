@@ -54,7 +54,7 @@ SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel has 
 WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
-#: Asked, while the cluster starts, whether it shall not any more.
+#: Opens the cluster; its argument says, while the cluster starts, whether start-up was cancelled.
 Starting = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
@@ -62,9 +62,17 @@ Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 def create_app(settings: Settings | None = None, cluster: Cluster | None = None) -> FastAPI:
     """Build the application.
 
-    Args:
-        settings: from the environment if not given.
-        cluster: opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
+    Parameters
+    ----------
+    settings : Settings | None
+        From the environment if not given.
+    cluster : Cluster | None
+        Opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
+
+    Returns
+    -------
+    FastAPI
+        The application.
     """
     settings = settings or Settings()
     metrics = Metrics()

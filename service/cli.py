@@ -7,6 +7,7 @@ import gc
 import os
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from errno import ENOSPC
 from importlib.metadata import version
@@ -38,12 +39,18 @@ from gear_rattle.service.commands.tolerance import tolerance
 from gear_rattle.service.commands.verify import verify
 
 FAILED, REFUSED = 1, 2
+START = (
+    "Start here: `rattle orbits 0.6 0.1` describes one gear; `rattle run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out "
+    "survey.zarr` computes a survey, and `rattle figure survey.zarr survey.png` draws it. `rattle COMMAND --help` has "
+    "an example of each command."
+)
 
 
 class Commands(TyperGroup):
     """The commands; what is wrong with a value is said in this project's words, not in pydantic's, which typer uses."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        """Run the command, and turn its errors into one line and an exit code."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
@@ -56,7 +63,7 @@ class Commands(TyperGroup):
 
 app = typer.Typer(
     cls=Commands,
-    help="Survey the damping-eccentricity plane of an impacting gear model.",
+    help=f"Survey the damping-eccentricity plane of an impacting gear model.\n\n{START}",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -78,29 +85,46 @@ def _rattle(
     pass
 
 
-app.command()(run)
-app.command()(serve)
-app.command()(submit)
-app.command("list")(list_)
-app.command()(watch)
-app.command()(describe)
-app.command("open")(open_)
-app.command()(verify)
-app.command()(export)
-app.command()(copy)
-app.command()(certify)
-app.command()(figure)
-app.command()(explain)
-app.command()(orbits)
-app.command()(attractors)
-app.command()(sound)
-app.command()(compare)
-app.command()(tolerance)
-app.command()(limit)
-app.command()(diagram)
-app.command()(paper)
-app.command()(curves)
-app.add_typer(key.app, name="key")
+#: Each command with its group in `rattle --help`, and an example.
+COMMANDS: dict[str, tuple[tuple[Callable[..., Any], str], ...]] = {
+    "Survey": (
+        (run, "run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out survey.zarr"),
+        (open_, "open survey.zarr"),
+        (figure, "figure survey.zarr survey.png"),
+        (explain, "explain survey.zarr"),
+        (export, "export survey.zarr survey.nc"),
+        (copy, "copy survey.zarr s3://bucket/surveys/survey.zarr"),
+        (verify, "verify survey.zarr"),
+    ),
+    "One gear": (
+        (orbits, "orbits 0.6 0.1"),
+        (attractors, "attractors 0.6 0.1"),
+        (diagram, "diagram --delta 0.6 --epsilon 0.05:0.12 --figure diagram.pdf"),
+        (curves, "curves --csv curves.csv"),
+        (sound, "sound rattling.wav 0.6 0.1 --rpm 3000"),
+    ),
+    "Engineering": (
+        (tolerance, "tolerance --delta 0.6 --epsilon normal:0.1:0.01:0 --out batch.zarr"),
+        (limit, "limit epsilon --delta 0.6 --share 0.9"),
+        (compare, "compare impacts.csv 0.6 0.1"),
+    ),
+    "Proofs": (
+        (certify, "certify --point 0.6 0.089"),
+        (paper, "paper"),
+    ),
+    "Service": (
+        (serve, "serve --data data"),
+        (submit, "submit --delta 0.4:1:31 --epsilon 0.005:0.3:30 --watch"),
+        (list_, "list"),
+        (watch, "watch ID"),
+        (describe, 'describe ID --name "first map"'),
+    ),
+}
+for panel, commands in COMMANDS.items():
+    for command, example in commands:
+        name = command.__name__.removesuffix("_")
+        app.command(name, rich_help_panel=panel, epilog=f"Example: rattle {example}")(command)
+app.add_typer(key.app, name="key", rich_help_panel="Service", epilog="Example: rattle key add alice --scope submit")
 
 
 def main() -> None:

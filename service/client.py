@@ -43,11 +43,15 @@ Progress = Callable[[Document], None]
 class Client:
     """A connection to a service.
 
-    Args:
-        url: where the service is, such as ``http://127.0.0.1:8000``.
-        http: an httpx client to use instead of a new one; its base URL wins.
-        key: API key; the environment variable ``RATTLE_API_KEY`` if not given. Whoever runs the service at ``url``,
-            or reads along where it is not https, gets it.
+    Parameters
+    ----------
+    url
+        Where the service is, such as ``http://127.0.0.1:8000``.
+    http
+        An httpx client to use instead of a new one; its base URL wins.
+    key
+        API key; the environment variable ``RATTLE_API_KEY`` if not given. Whoever runs the service at ``url``, or reads
+        along where it is not https, gets it.
     """
 
     def __init__(
@@ -57,11 +61,13 @@ class Client:
         self.headers = key_headers(key)
 
     def __enter__(self) -> Self:
+        """Enter the context."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Close on leaving the context."""
         self.close()
 
     def close(self) -> None:
@@ -80,14 +86,26 @@ class Client:
 
         The service answers with an identical survey if it has one, finished or not.
 
-        Args:
-            request: what to compute.
-            idempotency_key: the same body with the same key is the same survey, however often it is sent.
-            force: compute it anew although an identical survey is there.
-            fields: of the request; they win.
+        Parameters
+        ----------
+        request : SurveyRequest | Mapping[str, Any] | None
+            What to compute.
+        idempotency_key : str | None
+            The same body with the same key is the same survey, however often it is sent.
+        force : bool
+            Compute it anew although an identical survey is there.
+        fields
+            Of the request; they win.
 
-        Raises:
-            ServiceError: the service refuses it, or cannot be reached.
+        Returns
+        -------
+        Job
+            The job.
+
+        Raises
+        ------
+        ServiceError
+            The service refuses it, or cannot be reached.
         """
         return self._submitted("/v1/surveys", _body(request, fields), idempotency_key, force)
 
@@ -108,19 +126,19 @@ class Client:
         return Job(self, self.document("POST", path, json=body, headers=headers, params=params))
 
     def job(self, survey_id: str) -> Job:
-        """A survey by its id."""
+        """Return a survey by its id."""
         return Job(self, self.document("GET", f"/v1/surveys/{survey_id}"))
 
     def population(self, population_id: str) -> Job:
-        """A population by its id."""
+        """Return a population by its id."""
         return Job(self, self.document("GET", f"/v1/populations/{population_id}"))
 
     def surveys(self) -> Iterator[Job]:
-        """Every survey of the service, newest first."""
+        """Return every survey of the service, newest first."""
         return self._listed("surveys")
 
     def populations(self) -> Iterator[Job]:
-        """Every population of the service, newest first."""
+        """Return every population of the service, newest first."""
         return self._listed("populations")
 
     def _listed(self, kind: str) -> Iterator[Job]:
@@ -135,9 +153,17 @@ class Client:
     def call(self, method: str, path: str, **kwargs: Any) -> httpx.Response:
         """Send one request.
 
-        Raises:
-            ResponseError: the service answered with an error; its problem document is attached.
-            ServiceError: the service cannot be reached.
+        Returns
+        -------
+        httpx.Response
+            The answer.
+
+        Raises
+        ------
+        ResponseError
+            The service answered with an error; its problem document is attached.
+        ServiceError
+            The service cannot be reached.
         """
         headers = self.headers | kwargs.pop("headers", {})
         try:
@@ -150,14 +176,22 @@ class Client:
                 "an idempotency key of ASCII characters."
             ) from error
         if answer.is_error:
-            raise _response_error(answer)
+            refusal = _response_error(answer)
+            raise refusal
         return answer
 
     def document(self, method: str, path: str, **kwargs: Any) -> Document:
         """Send one request, and return the document that answers it.
 
-        Raises:
-            ServiceError: as `call`; or the answer is no document, so another program answered.
+        Returns
+        -------
+        Document
+            The document.
+
+        Raises
+        ------
+        ServiceError
+            As `call`; or the answer is no document, so another program answered.
         """
         answer = self.call(method, path, **kwargs)
         try:
@@ -176,7 +210,8 @@ class Client:
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
-                raise _response_error(source.response)
+                refusal = _response_error(source.response)
+                raise refusal
             if source.response.status_code == httpx.codes.NO_CONTENT:
                 return
             for event in source.iter_sse():
@@ -185,15 +220,17 @@ class Client:
 
     @property
     def url(self) -> str:
-        """Where the service is."""
+        """Address of the service."""
         return str(self._http.base_url).rstrip("/")
 
 
 class Job:
     """A survey or a population of a service.
 
-    Attributes:
-        document: the survey as the service last showed it.
+    Attributes
+    ----------
+    document
+        The survey as the service last showed it.
     """
 
     def __init__(self, client: Client, document: Document) -> None:
@@ -201,21 +238,22 @@ class Job:
         self.document = document
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return f"<{self.kind} {self.id}: {self.state}, {self.document['progress']} %>"
 
     @property
     def kind(self) -> str:
-        """What it is: survey or population."""
+        """Kind of the job: survey or population."""
         return "population" if "answers" in self.document["links"] else "survey"
 
     @property
     def id(self) -> str:
-        """What the service knows it by."""
+        """Identifier of the job in the service."""
         return str(self.document["id"])
 
     @property
     def state(self) -> str:
-        """Where it stood when last asked: accepted, running, or one of FINAL."""
+        """State at the last request: accepted, running, or one of FINAL."""
         return str(self.document["state"])
 
     def _link(self, name: str) -> str:
@@ -224,7 +262,7 @@ class Job:
 
     @property
     def store_url(self) -> str:
-        """Where ``xr.open_zarr`` finds the results."""
+        """Address at which ``xr.open_zarr`` finds the results."""
         return self._client.url + self._link("store")
 
     def refresh(self) -> Self:
@@ -240,14 +278,26 @@ class Job:
     def wait(self, progress: Progress | None = None, patience: float = 60.0, timeout: float | None = None) -> Self:
         """Wait until the survey is successful, through lost connections and restarts of the service.
 
-        Args:
-            progress: called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
-            patience: seconds that the service may be away, from when that is noticed.
-            timeout: seconds to wait at most; the survey goes on afterwards, and can be waited for again.
+        Parameters
+        ----------
+        progress : Progress | None
+            Called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
+        patience : float
+            Seconds that the service may be away, from when that is noticed.
+        timeout : float | None
+            Seconds to wait at most; the survey goes on afterwards, and can be waited for again.
 
-        Raises:
-            ServiceError: the survey failed, was dismissed or deleted, or the service stayed away.
-            WaitTimeoutError: it has not ended in this time.
+        Returns
+        -------
+        Self
+            This job.
+
+        Raises
+        ------
+        ServiceError
+            The survey failed, was dismissed or deleted, or the service stayed away.
+        WaitTimeoutError
+            It has not ended in this time.
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
@@ -270,7 +320,8 @@ class Job:
                 lost = time.monotonic() - away > patience
                 refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
                 if lost or refused:
-                    raise _as_service_error(error) from error
+                    refusal = _as_service_error(error)
+                    raise refusal from error
                 if time.monotonic() >= deadline:
                     raise self._too_late(timeout) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
@@ -291,18 +342,35 @@ class Job:
             yield seen, self.document
 
     def open(self) -> xr.Dataset:
-        """The results, read over HTTP as they are used."""
+        """Return the results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
 
     def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
-        """The map of one family of a survey that was computed with families: `gear_rattle.workers.open_family`."""
+        """Return the map of one family of a survey that was computed with families.
+
+        As `gear_rattle.workers.open_family`.
+
+        Returns
+        -------
+        xr.Dataset
+            The map.
+        """
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
-        """What follows from a population that has ended: the answer of `GET /v1/populations/{population_id}/answers`.
+        """Return the answers of a population that has ended.
 
-        Raises:
-            ServiceError: it has not ended.
+        They are those of `GET /v1/populations/{population_id}/answers`.
+
+        Returns
+        -------
+        Document
+            The document.
+
+        Raises
+        ------
+        ServiceError
+            It has not ended.
         """
         return self._client.document("GET", f"{self._link('self')}/answers")
 
@@ -314,8 +382,15 @@ class Job:
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
         """Give the survey another name, or other notes; what is None stays.
 
-        Raises:
-            ServiceError: it was submitted with another key.
+        Returns
+        -------
+        Self
+            This job.
+
+        Raises
+        ------
+        ServiceError
+            It was submitted with another key.
         """
         given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
         self.document = self._client.document("PATCH", self._link("self"), json=given)

@@ -1,4 +1,4 @@
-"""What is computed so that every kernel that the service needs of a model is compiled: small pieces of its work."""
+"""Compute small pieces of work, so that every kernel that the service needs of a model is compiled."""
 
 from __future__ import annotations
 
@@ -16,46 +16,25 @@ from rattle.precompile import Steps, example_of, survey
 AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels
 
 
-def orbits(name: str) -> Steps:
-    """Return what needs the kernels of period-one motions and limits."""
-    return {"closed forms": lambda: orbits_document(example_of(name).gear(*AT))}
-
-
-def curves(name: str) -> Steps:
-    """Return what needs the kernels of curves."""
-    delta, _ = AT
-    return {"curves": lambda: curves_document(example_of(name), (0.99 * delta, delta), (0.0, 0.2))}
-
-
-def attractors(name: str) -> Steps:
-    """Return what needs the kernels of attractors, beside those of a survey."""
-    model = example_of(name)
-
-    def attractors_at() -> None:
-        intensities(model.gear(*AT), 16, None, 0, BUDGET)
-        delta, epsilon = np.array(AT[:1]), np.array(AT[1:])
-        joined(
-            delta,
-            epsilon,
-            16,
-            model.attractors_of(delta, epsilon[:, None], SampleSpec(16)),
-            model.cells(delta, epsilon),
-        )
-
-    return {"attractors of a point": attractors_at}
-
-
-def point(name: str) -> Steps:
-    """Return what needs the kernels of the view of a point, and of the estimate of a survey with basins."""
-    model = example_of(name)
-    crises: Steps = {"crises": lambda: rattle.crisis_side(*AT)} if Capability.CRISIS in model.has else {}
-    return {"the view of a point": lambda: parts.warm_up(model.gear(*AT))} | crises
-
-
 def everything(name: str) -> Steps:
-    """Return what needs any kernel; the process that compiles for others then notes every part of it."""
-    steps: Steps = {}
-    for part in survey, orbits, curves, attractors, point:
-        steps |= part(name)
-        compile_apart(part.__module__, part.__name__, name)
-    return steps
+    """Return what needs any kernel of this model; that a survey's are compiled is noted with it."""
+    model, (delta, epsilon) = example_of(name), AT
+    gear = model.gear(delta, epsilon)
+
+    def attractors() -> None:
+        intensities(gear, 16, None, 0, BUDGET)
+        deltas, epsilons = np.array([delta]), np.array([epsilon])
+        table = model.attractors_of(deltas, epsilons[:, None], SampleSpec(16))
+        joined(deltas, epsilons, 16, table, model.cells(deltas, epsilons))
+
+    compile_apart(survey.__module__, survey.__name__, name)
+    return (
+        survey(name)
+        | {
+            "closed forms": lambda: orbits_document(gear),
+            "curves": lambda: curves_document(model, (0.99 * delta, delta), (0.0, 0.2)),
+            "attractors of a point": attractors,
+            "the view of a point": lambda: parts.warm_up(gear),
+        }
+        | ({"crises": lambda: rattle.crisis_side(*AT)} if Capability.CRISIS in model.has else {})
+    )

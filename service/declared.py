@@ -1,4 +1,4 @@
-"""What models add to δ, ε and β, read without the library: commands and the client start at once."""
+"""Parameters that models add to δ, ε and β, read without the library: commands and the client start at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the front end can refuse, as exceptions; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
+"""Errors of the front end; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
 
 Those that the client raises are names of `gear_rattle`, and say so.
 """
@@ -15,10 +15,13 @@ class ServiceError(RattleError):
     """Base of every error of the front end and of its client."""
 
     __module__ = "gear_rattle"
+    code = "service_error"
 
 
 class UnknownSurveyError(ServiceError):
     """No survey has this id."""
+
+    code = "unknown_survey"
 
     def __init__(self, survey_id: str) -> None:
         super().__init__(f"There is no survey {survey_id!r}. GET /v1/surveys lists the surveys of this service.")
@@ -27,6 +30,8 @@ class UnknownSurveyError(ServiceError):
 class UnknownKeyError(ServiceError):
     """No API key has this id."""
 
+    code = "unknown_key"
+
     def __init__(self, key_id: str) -> None:
         super().__init__(f"There is no key {key_id!r}.")
 
@@ -34,39 +39,56 @@ class UnknownKeyError(ServiceError):
 class UnauthorizedError(ServiceError):
     """A key is asked, and there is none, or none that is known."""
 
+    code = "unauthorized"
+
 
 class ForbiddenError(ServiceError):
-    """Who asks is known or need not be, and still may not."""
+    """The caller is known, or need not be, and still may not do this."""
+
+    code = "forbidden"
 
 
 class QuotaError(ForbiddenError):
     """The key has used up what it may."""
+
+    code = "quota_exceeded"
 
 
 class WaitTimeoutError(ServiceError, TimeoutError):
     """A survey has not ended in the time for which somebody waited."""
 
     __module__ = "gear_rattle"
+    code = "wait_timeout"
 
 
 class MissingError(ServiceError):
     """The survey exists, what was asked of it does not."""
 
+    code = "not_in_survey"
+
 
 class AccessError(ServiceError):
     """The service would be open to everybody, or to nobody."""
+
+    code = "unsafe_access"
 
 
 class AddressError(ServiceError):
     """The address cannot be listened at."""
 
+    code = "address_unavailable"
+
 
 class ConflictError(ServiceError):
     """The request contradicts what the service already holds."""
 
+    code = "conflict"
+
 
 class LimitError(ServiceError):
     """The request is well formed, but larger than this service allows."""
+
+    code = "limit_exceeded"
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(message)
@@ -76,13 +98,19 @@ class LimitError(ServiceError):
 class QueueFullError(ServiceError):
     """Too many surveys are waiting or running."""
 
+    code = "queue_full"
+
 
 class UnavailableError(ServiceError):
     """The service cannot answer now; the same request may succeed later."""
 
+    code = "unavailable"
+
 
 class DirectoryAwayError(UnavailableError):
     """The data directory is not there, or another one is in its place."""
+
+    code = "data_directory_away"
 
     def __init__(self) -> None:
         super().__init__(
@@ -92,7 +120,9 @@ class DirectoryAwayError(UnavailableError):
 
 
 class KernelsError(UnavailableError):
-    """What was asked for waits for kernels that are being compiled."""
+    """The request waits for kernels that are being compiled."""
+
+    code = "compiling_kernels"
 
     def __init__(self) -> None:
         super().__init__(
@@ -104,16 +134,22 @@ class KernelsError(UnavailableError):
 class DataDirectoryError(ServiceError):
     """The data directory or the job database cannot be used: foreign, not writable, or held by another server."""
 
+    code = "data_directory_unusable"
+
 
 class ResponseError(ServiceError):
     """A server answered the client with an error.
 
-    Attributes:
-        status: HTTP status of the answer.
-        problem: the problem document (RFC 9457), empty if the answer held none.
+    Attributes
+    ----------
+    status
+        HTTP status of the answer.
+    problem
+        The problem document (RFC 9457), empty if the answer held none.
     """
 
     __module__ = "gear_rattle"
+    code = "error_response"
 
     def __init__(self, status: int, message: str, problem: Mapping[str, Any]) -> None:
         super().__init__(message)

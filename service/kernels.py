@@ -1,7 +1,7 @@
 """Kernels of a service, compiled in a process of their own before anybody's time is counted.
 
-A fresh installation compiles for a minute or two. That begins with the service, in the order of `Part`; the stiff
-model's wait until somebody needs them. Workers wait for the same kernels and load them.
+A fresh installation compiles for some minutes. That begins with the service, with a survey's kernels, which workers
+wait for and load; those of other models wait until somebody needs them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from enum import StrEnum
 
 import anyio
 from anyio import BrokenWorkerProcess, to_process
@@ -23,17 +22,8 @@ from rattle.numerics import compile_apart, note_of
 log = logging.getLogger(__name__)
 
 
-class Part(StrEnum):
-    """What kernels are for, in the order in which they are compiled: a function of `WORK` each."""
-
-    ORBITS = "orbits"  # period-one motions and limits
-    CURVES = "curves"
-    ATTRACTORS = "attractors"
-    POINT = "point"  # basins, manifolds, margins, diagrams
-
-
-WORK = "gear_rattle.service.compilation"
-LAST = list(Part)[-1]
+#: What compiles a survey's kernels, which workers wait for, and what compiles all others: a module and its function.
+WORKS = (("rattle.precompile", "survey"), ("gear_rattle.service.compilation", "everything"))
 
 
 class Kernels:
@@ -42,7 +32,7 @@ class Kernels:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._ready: dict[tuple[str, Part], asyncio.Event] = {}
+        self._ready: dict[str, asyncio.Event] = {}
         self._waiting = 0
 
     @asynccontextmanager
@@ -57,60 +47,59 @@ class Kernels:
 
     def begin(self, model: str = DEFAULT_MODEL) -> None:
         """Compile what this model needs, unless that has begun or an earlier process has done it."""
-        if (model, LAST) in self._ready:
+        if model in self._ready:
             return
-        for part in Part:
-            self._ready[model, part] = asyncio.Event()
-            if note_of(part, model).exists():
-                self._ready[model, part].set()
-        if not all(self.has(model, part) for part in Part):
+        self._ready[model] = asyncio.Event()
+        if note_of(WORKS[-1][1], model).exists():
+            self._ready[model].set()
+        else:
             self._tasks[model] = asyncio.get_running_loop().create_task(self._compile(model))
 
     @property
     def at_work(self) -> bool:
-        """Whether kernels are being compiled now."""
-        return any(not task.done() and not self.has(model, LAST) for model, task in self._tasks.items())
+        """True if kernels are being compiled now."""
+        return any(not task.done() and not self.has(model) for model, task in self._tasks.items())
 
-    def has(self, model: str, part: Part) -> bool:
-        """Whether these kernels need not be compiled any more."""
-        return (model, part) in self._ready and self._ready[model, part].is_set()
+    def has(self, model: str) -> bool:
+        """Return whether the kernels of this model need not be compiled any more."""
+        return model in self._ready and self._ready[model].is_set()
 
-    async def require(self, model: str, part: Part, patience: float | None = None) -> None:
-        """Wait until these kernels are there.
+    async def require(self, model: str, patience: float | None = None) -> None:
+        """Wait until the kernels of this model are there.
 
-        Args:
-            patience: seconds; by default as long as points may be computed.
+        Parameters
+        ----------
+        model : str
+            The name of the model.
+        patience : float, optional
+            Seconds; by default as long as points may be computed.
 
-        Raises:
-            KernelsError: they are still being compiled, or too many wait already.
+        Raises
+        ------
+        KernelsError
+            They are still being compiled, or too many wait already.
         """
         self.begin(model)
-        if self.has(model, part):
+        if self.has(model):
             return
         if self._waiting >= self._settings.max_points_waiting:
             raise KernelsError
         self._waiting += 1
         try:
             with anyio.fail_after(self._settings.max_point_seconds if patience is None else patience):
-                await self._ready[model, part].wait()
+                await self._ready[model].wait()
         except TimeoutError as error:
             raise KernelsError from error
         finally:
             self._waiting -= 1
 
     async def _compile(self, model: str) -> None:
-        for part in Part:
-            try:
-                if part is Part.ATTRACTORS:  # workers wait for this note
-                    await _apart("rattle.precompile", "survey", model)
-                await _apart(WORK, part, model)
-            except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong
-                log.warning("the process that compiles kernels has died: %s", error)
-            except Exception:
-                log.exception("kernels could not be made ready")
-            self._ready[model, part].set()
-
-
-async def _apart(module: str, work: str, model: str) -> None:
-    """In a process that is killed when the service ends, which ends the one that compiles."""
-    await to_process.run_sync(compile_apart, module, work, model, cancellable=True)
+        """Compile in a process that is killed when the service ends, which ends the one that compiles."""
+        try:
+            for module, work in WORKS:
+                await to_process.run_sync(compile_apart, module, work, model, cancellable=True)
+        except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong
+            log.warning("the process that compiles kernels has died: %s", error)
+        except Exception:
+            log.exception("kernels could not be made ready")
+        self._ready[model].set()

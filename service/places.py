@@ -23,7 +23,10 @@ class Places:
 
     @asynccontextmanager
     async def one(self) -> AsyncIterator[None]:
-        """A place for what somebody waits for. It takes that of something in the background, if there is no other."""
+        """Yield a place for what somebody waits for.
+
+        It takes that of something in the background, if there is no other.
+        """
         self._waiting += 1
         if self._waiting == 1:
             self._nobody_waits = Event()
@@ -41,7 +44,7 @@ class Places:
             self._limiter.release_on_behalf_of(place)
 
     async def in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """What this returns. It begins anew, later, whenever it gives way."""
+        """Return the result of this computation. It begins anew, later, whenever it gives way."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

@@ -20,10 +20,17 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
-    """The header that carries an API key; by default that of ``RATTLE_API_KEY``, nothing without one.
+    """Return the header that carries an API key; by default that of ``RATTLE_API_KEY``, nothing without one.
 
-    Raises:
-        ServiceError: the key holds characters that no key has.
+    Returns
+    -------
+    dict[str, str]
+        Headers by name.
+
+    Raises
+    ------
+    ServiceError
+        The key holds characters that no key has.
     """
     key = (os.environ.get(KEY_VARIABLE, "") if key is None else key).strip()
     if not key:
@@ -36,13 +43,25 @@ def key_headers(key: str | None = None) -> dict[str, str]:
 def open_results(store: str | Path, headers: Mapping[str, str] | None = None, group: str | None = None) -> xr.Dataset:
     """Open a survey, or a group of it, from disk or from a service.
 
-    Args:
-        store: path or URL.
-        headers: sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store
-            on this machine or of the service at ``RATTLE_URL``. Nobody else shall see the key.
+    Parameters
+    ----------
+    store : str | Path
+        Path or URL.
+    headers : Mapping[str, str] | None
+        Sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store on this
+        machine or of the service at ``RATTLE_URL``. Nobody else shall see the key.
 
-    Raises:
-        RattleError: there is no survey, or it cannot be read.
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
+    Raises
+    ------
+    RattleError
+        There is no survey, or it cannot be read.
+    ServiceError
+        If an address is given that is not a service's.
     """
     from gear_rattle.workers import open_survey
 
@@ -57,13 +76,13 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         return open_survey(store, group)
     import xarray as xr
 
-    from gear_rattle.workers.storage.complex import joined
+    from gear_rattle.workers.storage.complex import join_complex
     from gear_rattle.workers.storage.encoding import prepare_for_writing
 
     try:
         options = {"headers": dict(headers)}
         found = xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options)
-        return joined(prepare_for_writing(found))
+        return join_complex(prepare_for_writing(found))
     except Exception as error:  # what the network or a foreign format raises
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 
@@ -73,8 +92,15 @@ def open_family(
 ) -> xr.Dataset:
     """Open one family of a survey, from disk or from a service, as `gear_rattle.open_family` does, with a key.
 
-    Raises:
-        RattleError: there is no survey, it has no families, or none of this number.
+    Returns
+    -------
+    xr.Dataset
+        The map.
+
+    Raises
+    ------
+    RattleError
+        There is no survey, it has no families, or none of this number.
     """
     from gear_rattle.workers.families.one import family_of
 
@@ -82,7 +108,7 @@ def open_family(
 
 
 def _is_trusted(url: str) -> bool:
-    """Whether a URL is of this machine, or of the service that the user has named."""
+    """Return whether a URL is of this machine, or of the service that the user has named."""
     asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))
     below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # a host may have other programs beside the service
     return (below and (asked.scheme, asked.netloc) == (named.scheme, named.netloc)) or is_loopback(asked.hostname or "")

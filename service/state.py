@@ -1,4 +1,4 @@
-"""What the routes of one application share, injected into them.
+"""State that the routes of one application share, injected into them.
 
 Dependencies that only look at the request are coroutines: FastAPI sends every other one to a thread, and each way there
 and back waits for Python's lock.
@@ -18,7 +18,7 @@ from fastapi import Depends, Request
 
 from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.database import Database
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError, UnavailableError
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.directory import DataDirectory
@@ -47,21 +47,37 @@ class Front:
     revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def stored(self, survey_id: str, kind: Kind = Kind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """A survey, or a population, and the place of its store. Blocks: for a thread.
+    def stored(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
+        """Return a survey, or a population, and the place of its store. Blocks: for a thread.
 
-        Raises:
-            UnknownSurveyError: there is none of this kind.
-            DirectoryAwayError: the data directory is not there.
+        Returns
+        -------
+        tuple[JobRow, Path | Bucket]
+            Row, and place.
+
+        Raises
+        ------
+        UnknownSurveyError
+            There is none of this kind.
+        DirectoryAwayError
+            The data directory is not there.
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """A survey, and the place of its store, which is there. Blocks: for a thread.
+        """Return a survey, and the place of its store, which is there. Blocks: for a thread.
 
-        Raises:
-            MissingError: it has no numbers yet, or its store is gone.
-            UnknownSurveyError, DirectoryAwayError: as `stored`.
+        Returns
+        -------
+        tuple[JobRow, Path | Bucket]
+            Row, and place.
+
+        Raises
+        ------
+        MissingError
+            It has no numbers yet, or its store is gone.
+        UnknownSurveyError, DirectoryAwayError
+            As `stored`.
         """
         job, place = self.stored(survey_id)
         if place.exists():
@@ -103,7 +119,7 @@ class Front:
 
 
 async def front_of(request: Request) -> Front:
-    """The shared state of the application that got this request."""
+    """Return the shared state of the application that got this request."""
     front: Front = request.app.state.front
     return front
 

@@ -1,5 +1,6 @@
-"""A survey of the (δ, ε) plane, or a population of gears: its request, its tiles, its zarr store, and the dask cluster
-that fills it.
+"""A survey of the (δ, ε) plane, or a population of gears.
+
+Its request, its tiles, its zarr store, and the dask cluster that fills it.
 
 Pictures are apart, in workers/pictures: processes that compute need not load what draws.
 """
@@ -29,7 +30,7 @@ from gear_rattle.workers.survey.values.schema import Group, Quantity
 if TYPE_CHECKING:
     from gear_rattle.workers.cluster.cluster import connect, embedded_cluster
     from gear_rattle.workers.cluster.costs import Begun
-    from gear_rattle.workers.cluster.refinement import refined
+    from gear_rattle.workers.cluster.refinement import refined_frames
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
@@ -38,7 +39,7 @@ _ON_CLUSTERS = {
     "complete_on": "gear_rattle.workers.cluster.runner",
     "connect": "gear_rattle.workers.cluster.cluster",
     "embedded_cluster": "gear_rattle.workers.cluster.cluster",
-    "refined": "gear_rattle.workers.cluster.refinement",
+    "refined_frames": "gear_rattle.workers.cluster.refinement",
     "run_tiles": "gear_rattle.workers.cluster.runner",
     "template_on": "gear_rattle.workers.cluster.runner",
 }
@@ -84,7 +85,7 @@ __all__ = [
     "open_family",
     "open_survey",
     "place_of",
-    "refined",
+    "refined_frames",
     "request_of",
     "run_survey",
     "run_tiles",

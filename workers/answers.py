@@ -1,4 +1,4 @@
-"""What a population's store answers, finished or not."""
+"""Answer questions from a population's store, finished or not."""
 
 import json
 from collections.abc import Callable
@@ -22,11 +22,19 @@ if TYPE_CHECKING:
 
 
 def population_of(where: str | Path | Place) -> Population:
-    """Return the population of a store whose gears are all computed, as `rattle.population` does. What of it failed is
-    undecided.
+    """Return the population of a store whose gears are all computed, as `rattle.population` does.
 
-    Raises:
-        SurveyError: there is no population, it is not finished, or it is damaged.
+    What of it failed is undecided.
+
+    Returns
+    -------
+    Population
+        The population.
+
+    Raises
+    ------
+    SurveyError
+        There is no population, it is not finished, or it is damaged.
     """
     place = place_of(where)
     manifest = manifest_of(place)
@@ -38,8 +46,14 @@ def population_of(where: str | Path | Place) -> Population:
 
 
 def population_in(dataset: "xr.Dataset", name: str) -> Population:
-    """The same of a store that has been opened, such as one of a service, which is told of by its name. Raises as
-    `population_of`.
+    """Return the same of a store that has been opened, such as one of a service, which is told of by its name.
+
+    Raises as `population_of`.
+
+    Returns
+    -------
+    Population
+        The population.
     """
     request = _request_of(dataset.attrs, name)
     with reading(f"the gears of {name}"):

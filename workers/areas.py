@@ -1,4 +1,4 @@
-"""What is proved of a plane in blocks, by several processes, into one file: a block a line."""
+"""Prove the blocks of a plane, by several processes, into one file: a block a line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gear_rattle.workers.errors import storage_error
 from rattle.numerics import environment
-from rattle.proof.areas.block import Block
+from rattle.proof.areas.block import ProvedBlock
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.certificate import Ends
 
@@ -27,13 +27,26 @@ def certify_areas(
     processes: int = 1,
     on_done: Callable[[int], None] = lambda _: None,
     should_stop: Callable[[], bool] = lambda: False,
-) -> list[Block]:
+) -> list[ProvedBlock]:
     """Prove what can be proved of a plane in so many columns of δ, and write the blocks to the file `out`.
 
-    on_done is told the number of columns that are through, should_stop asked after each. Raises StorageError if the
-    file cannot be written, MissingExtraError without python-flint.
+    on_done is told the number of columns that are through, should_stop asked after each.
+
+    Returns
+    -------
+    list[Block]
+        The blocks.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    MissingExtraError
+        Without python-flint.
+    SurveyError
+        If the file cannot be written.
     """
-    found: list[Block] = []
+    found: list[ProvedBlock] = []
     try:
         with out.open("w") as file:
             for done, blocks in enumerate(_answers(columns(delta, number), epsilon, beta, processes), 1):
@@ -44,12 +57,13 @@ def certify_areas(
                 if should_stop():
                     break
     except OSError as error:
-        raise storage_error(f"{out} cannot be written", error) from error
+        refusal = storage_error(f"{out} cannot be written", error)
+        raise refusal from error
     return found
 
 
-def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[Block]]:
-    """The blocks of each column, in order."""
+def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
+    """Yield the blocks of each column, in order."""
     if processes == 1:
         yield from (proved(beta, delta, epsilon) for delta in places)
         return
@@ -60,23 +74,23 @@ def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) 
         pool.shutdown(cancel_futures=True)
 
 
-def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[Block]:
+def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBlock]:
     """Return the blocks of a column that a process of its own proves, which never imports the main module."""
-    command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
+    command = [sys.executable, "-c", f"from {__name__} import serve_columns; serve_columns()"]
     asked = pickle.dumps((beta, delta, epsilon))
     answer = subprocess.run(command, input=asked, stdout=subprocess.PIPE, env=environment(), check=True).stdout
-    blocks: list[Block] | Exception = pickle.loads(answer)
+    blocks: list[ProvedBlock] | Exception = pickle.loads(answer)
     if isinstance(blocks, Exception):
         raise blocks
     return blocks
 
 
-def serve() -> None:
+def serve_columns() -> None:
     """Prove the column that stdin names, and write its blocks or the error to stdout."""
     asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
     sys.stdout = sys.stderr  # what a library prints is no answer
     try:
-        found: list[Block] | Exception = proved(*asked)
+        found: list[ProvedBlock] | Exception = proved(*asked)
     except Exception as error:
         found = error
     pickle.dump(found, answer)

@@ -26,7 +26,15 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether a bound was asked for, and it is not yet known of a survey whose tiles are all there that it is met."""
+    """Return whether a bound was requested and is not yet known to be met.
+
+    Of a survey whose tiles are all there.
+
+    Returns
+    -------
+    bool
+        The answer.
+    """
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
@@ -37,21 +45,33 @@ def meet_bound(
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Take a survey whose tiles are all there through rounds of audits until its bound is met, and tell what it is.
+    """Take a survey whose tiles are all there through rounds of audits until its bound is met.
 
-    Args:
-        each: does the tasks.
-        at_once: tiles that it is given at a time to be computed.
-        should_pause: asked after each time: whether the rest is left for another call.
-
-    Returns whether the bound is met; False after a pause.
+    The caller holds the store.
 
     The caller holds the store, whose attractors are not yet joined. What a tile holds follows from the request and the
     rounds, and these from what all tiles have: neither tiles nor workers nor where a run was interrupted show.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Parameters
+    ----------
+    each : Each
+        Does the tasks.
+    at_once : int
+        Tiles that it is given at a time to be computed.
+    should_pause : Callable[[], bool]
+        Asked after each time: whether the rest is left for another call.
+
+    Returns
+    -------
+    bool
+        Whether the bound is met; False after a pause.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     assert request.refine is not None
     assert request.refine.bound is not None
@@ -81,7 +101,7 @@ def meet_bound(
 
 
 def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
-    """What the last of its rounds found in a tile; None if it has not gone through them."""
+    """Return the findings of the last round in a tile; None if it has not gone through the rounds."""
     place = place_of(path)
     with reading(f"the audit of {place}"):
         stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
@@ -92,6 +112,11 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
     """Compute and write a tile as it is after the rounds that it names. May be done twice.
 
     Returns what the last round found, and the digests of the tile's chunks by their keys.
+
+    Returns
+    -------
+    tuple[Counts, dict[str, str]]
+        Findings of the last round, and digests of the tile's chunks by their keys.
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
@@ -101,7 +126,7 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """What the last of its rounds found in a tile; None if its cells have gone through others."""
+    """Return the findings of the last round in a tile; None if its cells have gone through others."""
     source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
@@ -122,4 +147,5 @@ def _tell(place: Place, told: Mapping[str, str | int | float]) -> None:
     try:
         tell(place, told)
     except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
+        refusal = storage_error(f"{place} cannot be written", error)
+        raise refusal from error

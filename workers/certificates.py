@@ -48,7 +48,7 @@ Place = tuple[int, int, int]  # slot, cell along ε and along δ
 Answers = list[tuple[Place, dict[str, Any] | str]]  # certificates as documents, or why there is none
 
 
-class Claim(NamedTuple):
+class AttractorClaim(NamedTuple):
     """A periodic attractor as a survey has it."""
 
     place: Place
@@ -60,7 +60,7 @@ class Claim(NamedTuple):
     label: tuple[int, int, int]
 
 
-def claims_of(survey: xr.Dataset) -> list[Claim]:
+def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     """Return the periodic attractors of a survey, cell by cell. Raises SurveyError if it has none, or a third axis."""
     if "attractor_kind" not in survey:
         raise SurveyError("the survey has no attractors: ask for the group attractors")
@@ -71,7 +71,7 @@ def claims_of(survey: xr.Dataset) -> list[Claim]:
     found = np.argwhere(np.moveaxis(kind == rattle.KINDS.index("periodic"), 0, -1))
     places = [(int(slot), int(i), int(j)) for i, j, slot in found]
     return [
-        Claim(
+        AttractorClaim(
             place, model, float(delta[place[2]]), float(epsilon[place[1]]), float(tau[place]), float(v[place]),
             (int(label[0][place]), int(label[1][place]), int(label[2][place])),
         )
@@ -79,7 +79,7 @@ def claims_of(survey: xr.Dataset) -> list[Claim]:
     ]  # fmt: skip
 
 
-def certified(claims: Iterable[Claim]) -> Answers:
+def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
     """Return of each attractor its certificate as a document, or why it is not proved. The task of a cluster, too."""
     found: Answers = []
     for claim in claims:
@@ -100,34 +100,49 @@ def certified(claims: Iterable[Claim]) -> Answers:
     return found
 
 
-def proved_here(parts: Sequence[list[Claim]]) -> list[Answers]:
+def proved_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
     """Prove in this process."""
-    return [certified(part) for part in parts]
+    return [certify_claims(part) for part in parts]
 
 
 def certify_survey(
     survey: xr.Dataset,
     out: Path,
-    prove: Callable[[Sequence[list[Claim]]], list[Answers]] = proved_here,
+    prove: Callable[[Sequence[list[AttractorClaim]]], list[Answers]] = proved_here,
     at_once: int = 1,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> xr.Dataset:
     """Prove the periodic attractors of a survey, and write certificates and variables to the store `out`.
 
-    Args:
-        survey: as `open_survey` gives it.
-        prove: proves some parts of the attractors, anywhere: `certified` of each, in order. What it raises is raised.
-        at_once: parts that it is given at a time: what they give is kept when all are through.
-        on_done: told how many attractors are through, those of earlier runs included, and how many there are.
-        should_stop: asked after each time; what is through by then is kept.
-
     Returns the variables: `attractor_certificate` and `attractor_certificate_radius` on (attractor, epsilon, delta).
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: the survey has no attractors, or `out` holds something else.
-        MissingExtraError: python-flint is not installed.
+    Parameters
+    ----------
+    survey : xr.Dataset
+        As `open_survey` gives it.
+    prove : Callable[[Sequence[list[Claim]]], list[Answers]]
+        Proves some parts of the attractors, anywhere: `certify_claims` of each, in order. What it raises is raised.
+    at_once : int
+        Parts that it is given at a time: what they give is kept when all are through.
+    on_done : Callable[[int, int], None]
+        Told how many attractors are through, those of earlier runs included, and how many there are.
+    should_stop : Callable[[], bool]
+        Asked after each time; what is through by then is kept.
+
+    Returns
+    -------
+    xr.Dataset
+        The variables.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        The survey has no attractors, or `out` holds something else.
+    MissingExtraError
+        Python-flint is not installed.
     """
     claims = claims_of(survey)
     try:
@@ -162,7 +177,8 @@ def certify_survey(
             (out / SEAL).write_text(json.dumps({KNOWN: _known(survey), "files": files}))
         return found
     except OSError as error:
-        raise storage_error(f"{out} cannot be written", error) from error
+        refusal = storage_error(f"{out} cannot be written", error)
+        raise refusal from error
 
 
 def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
@@ -202,13 +218,13 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 
 def _known(survey: xr.Dataset) -> str:
-    """What a store of certificates knows its survey by, or the slice of it."""
+    """Return the identity by which a store of certificates knows its survey, or the slice of it."""
     third = (f" {name}={value!r}" for name, value in value_along(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 
 
 def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> bool:
-    """Whether the attractors of a survey, which are all there, are still to be proved as it asks."""
+    """Return whether the attractors of a survey, which are all there, are still to be proved as it asks."""
     if not request.certify:
         return False
     out = certificates_of(where)
@@ -226,15 +242,15 @@ def prove_survey(
 ) -> None:
     """Prove the periodic attractors of a survey, into the store beside it. Arguments and errors: `certify_survey`'s."""
 
-    def prove(parts: Sequence[list[Claim]]) -> list[Answers]:
+    def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return each(_certified, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
         certify_survey(survey, certificates_of(where), prove, at_once, on_done, should_stop)
 
 
-def _certified(_request: SurveyRequest, _path: str, claims: list[Claim]) -> Answers:
-    return certified(claims)
+def _certified(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
+    return certify_claims(claims)
 
 
 def require_proofs() -> None:
@@ -251,7 +267,7 @@ def require_certifiable(request: object, where: str | Path | Location) -> None:
 
 @dataclass(frozen=True)
 class CertificatesIntegrity:
-    """What a look at every file of a store of certificates found."""
+    """Findings of a check of every file of a store of certificates."""
 
     path: Path
     survey: str  # its content hash, and the slice; empty if nothing tells it any more
@@ -261,7 +277,7 @@ class CertificatesIntegrity:
 
 
 def holds_certificates(where: str | Path | Location) -> bool:
-    """Whether a directory is a store of certificates, damaged or not."""
+    """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
     return isinstance(place, Directory) and (
         KNOWN in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
@@ -277,6 +293,11 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
         The store.
     ended : bool
         Whether the run that proves is known to have ended: checksums that are not there are lost then.
+
+    Returns
+    -------
+    CertificatesIntegrity
+        The findings.
     """
     known, files = _sealed(out)
     complete = ended or (out / SEAL).exists()
@@ -307,7 +328,7 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
 
 
 def _sealed(out: Path) -> tuple[str, dict[str, str]]:
-    """Of which survey all is there, and the checksums of its files; nothing if it is not."""
+    """Return the survey of which all is there, and the checksums of its files; nothing if it is not."""
     try:
         seal = json.loads((out / SEAL).read_bytes())
         return str(seal[KNOWN]), dict(seal["files"])
@@ -316,12 +337,12 @@ def _sealed(out: Path) -> tuple[str, dict[str, str]]:
 
 
 def _below(path: Path) -> list[Path]:
-    """The files of a variable; of a file, itself."""
+    """Return the files of a variable; of a file, itself."""
     return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
 
 
 def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
-    """The checksums of those of the files that can be read."""
+    """Return the checksums of those of the files that can be read."""
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):

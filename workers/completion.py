@@ -1,5 +1,6 @@
-"""What follows from the tiles of a survey once all are there: the bound of one that is refined, then families, then
-levels, then certificates.
+"""Complete a survey once all its tiles are there.
+
+The bound of one that is refined, then families, then levels, then certificates.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
-    """Whether what follows from all tiles, which are there, is still to be made."""
+    """Return whether what follows from all tiles, which are there, is still to be made."""
     return isinstance(request, SurveyRequest) and any(
         lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
     )
@@ -34,17 +35,25 @@ def complete(
 ) -> None:
     """Make what is lacking of it. The caller holds the store.
 
-    Args:
-        each: does the tasks.
-        at_once: tiles that it is given at a time to go through a round or to be moved, and parts of the attractors to
-            be proved.
-        on_proved: told how many attractors are through, and how many there are.
-        should_pause: asked after each time: whether the rest is left for another call.
+    Parameters
+    ----------
+    each : Each
+        Does the tasks.
+    at_once : int
+        Tiles that it is given at a time to go through a round or to be moved, and parts of the attractors to be proved.
+    on_proved : Callable[[int, int], None]
+        Told how many attractors are through, and how many there are.
+    should_pause : Callable[[], bool]
+        Asked after each time: whether the rest is left for another call.
 
-    Raises:
-        MissingExtraError: attractors are to be proved, and python-flint is not installed.
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    MissingExtraError
+        Attractors are to be proved, and python-flint is not installed.
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     if not isinstance(request, SurveyRequest):
         return

@@ -1,4 +1,4 @@
-"""What can go wrong with a survey, under one exception. The classes are names of `gear_rattle`, and say so."""
+"""Exceptions of a survey, under one base. The classes are names of `gear_rattle`, and say so."""
 
 import errno
 from collections.abc import Iterable, Iterator
@@ -14,30 +14,35 @@ class SurveyError(RattleError):
     """A survey that cannot be asked for, stored, run, opened or drawn; the message says what to do."""
 
     __module__ = "gear_rattle"
+    code = "survey_error"
 
 
 class StoppedError(SurveyError):
-    """What was being done was asked to stop. The survey is whole."""
+    """The operation was stopped on request. The survey is whole."""
 
     __module__ = "gear_rattle"
+    code = "stopped"
 
 
 class ClusterLostError(SurveyError):
     """The cluster went away during a run. The survey is whole: another cluster resumes it."""
 
     __module__ = "gear_rattle"
+    code = "cluster_lost"
 
 
 class StorageError(SurveyError):
     """The disk is full, read-only or away. The survey is whole: it goes on once the store can be written again."""
 
     __module__ = "gear_rattle"
+    code = "storage_unavailable"
 
 
 class DamageError(SurveyError):
     """Something of a survey that was computed cannot be read; it can be computed again."""
 
     __module__ = "gear_rattle"
+    code = "store_damaged"
 
 
 def no_map(variable: str, maps: Iterable[str]) -> str:

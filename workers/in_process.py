@@ -24,7 +24,7 @@ FEW_SECONDS = 3.0
 
 
 def is_short(request: AnyRequest, cells: int) -> bool:
-    """Whether so many cells of a survey take a few seconds at most, by their number and kind."""
+    """Return whether so many cells of a survey take a few seconds at most, by their number and kind."""
     groups, whole = set(request.quantities), MODELS[request.model].cell_milliseconds
     if isinstance(request, PopulationRequest):
         samples = SAMPLE * request.samples / request.n_cells if whole is None else whole
@@ -49,13 +49,19 @@ def run_tiles_here(
 
     As `run_tiles`, to the bit, but without its protection: a cell that kills its process ends this one.
 
-    Args:
-        on_tile: called in this thread, with each tile that has been written.
-        should_stop: asked several times a second. After a stop this returns within seconds, whatever a tile takes.
+    Parameters
+    ----------
+    on_tile : Callable[[TileRecord], None]
+        Called in this thread, with each tile that has been written.
+    should_stop : Callable[[], bool]
+        Asked several times a second. After a stop this returns within seconds, whatever a tile takes.
 
-    Raises:
-        StorageError: a tile cannot be written now (the disk is full or read-only); the message names it.
-        SurveyError: a tile cannot be computed; or another run holds the store.
+    Raises
+    ------
+    StorageError
+        A tile cannot be written now (the disk is full or read-only); the message names it.
+    SurveyError
+        A tile cannot be computed; or another run holds the store.
     """
     tiles = list(tiles)
     for tile in tiles:

@@ -1,4 +1,4 @@
-"""What can be computed tile by tile into a store: a survey or a population, by its request."""
+"""Handle surveys and populations alike: computed tile by tile into a store, by their request."""
 
 from __future__ import annotations
 
@@ -49,8 +49,15 @@ def compute_tile(
 ) -> tuple[TileArrays, TileRecord]:
     """Compute every variable of a tile: a pure function of the request and the tile's cells.
 
-    Args:
-        outcomes: of the cells, in their order, if they come from elsewhere.
+    Parameters
+    ----------
+    outcomes : Iterable[CellOutcome] | None
+        Of the cells, in their order, if they come from elsewhere.
+
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
+        Arrays of the tile, and its record.
     """
     compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)

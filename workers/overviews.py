@@ -15,8 +15,8 @@ from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, blocks_of, levels_of, steps_of
-from gear_rattle.workers.survey.levels.template import create, described, files_of_levels, maps, meanings
+from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, steps_of
+from gear_rattle.workers.survey.levels.template import create, files_of_levels, level_arrays, maps, meanings
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -25,7 +25,7 @@ from rattle.attractors import PERIODIC
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether levels of a survey, whose tiles are all there and joined, are still to be made."""
+    """Return whether levels of a survey, whose tiles are all there and joined, are still to be made."""
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
@@ -35,16 +35,20 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
     The caller holds the store. The result is a function of what the cells hold: neither the tiles' shape nor an order
     shows. A run that was killed meanwhile leaves a survey without levels, whose levels are made anew.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     place = place_of(where)
-    found = each(make_block, request, str(place), [(block,) for block in blocks_of(request)])
+    found = each(make_block, request, str(place), [(block,) for block in level_blocks(request)])
     try:
         added_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
     except OSError as error:
-        raise storage_error(f"the levels of {place} cannot be written", error) from error
+        refusal = storage_error(f"the levels of {place} cannot be written", error)
+        raise refusal from error
 
 
 def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
@@ -70,7 +74,7 @@ def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
 
 
 def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
-    """Of complex numbers the moduli."""
+    """Return the values of a block; of complex numbers the moduli."""
     parts = [_read(place, block, part.name) for part in quantity.parts]
     found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
     return found
@@ -79,9 +83,9 @@ def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
 def _chunks(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """The chunks of a variable: of each level, and of codes the arrays that tell of them."""
+    """Yield the chunks of a variable: of each level, and of codes the arrays that tell of them."""
     levels = levels_of(request.shape)
-    arrays = described(quantity)
+    arrays = level_arrays(quantity)
     beside = values.shape[:-2]
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # of each level, of each map
     for at in np.ndindex(*beside):
@@ -100,7 +104,7 @@ def _chunks(
 def _reduced(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Of each level the arrays of one map, as `described` has them."""
+    """Yield for each level the arrays of one map, as `level_arrays` has them."""
     steps = steps_of(levels_of(request.shape))
     if words := meanings(quantity):
         yield from reduce.codes(values, known, steps, len(words))
@@ -110,6 +114,6 @@ def _reduced(
 
 
 def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
-    """The maps of an array in one."""
+    """Return the maps of an array in one."""
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

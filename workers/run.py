@@ -42,17 +42,30 @@ def run_survey(
     What is interrupted is resumed by the same call with the same `out`, and ends bit for bit the same; what is there
     already is opened.
 
-    Args:
-        request: what to compute, or fields of a `SurveyRequest`.
-        out: where its store is to be, a path or "s3://BUCKET/PREFIX"; by default nowhere: the values are in memory
-            alone, and an interrupted survey is lost.
-        cluster: the URL of a dask scheduler or a client of it, whose workers see `out`; or how many processes to start
-            here. By default a survey of a few seconds is computed in this process, a longer one in two others.
-        progress: called with the numbers of cells that are computed and that there are, again and again.
-        fields: of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
+    Parameters
+    ----------
+    request : SurveyRequest | Mapping[str, Any] | None
+        What to compute, or fields of a `SurveyRequest`.
+    out : str | Path | Place | None
+        Where its store is to be, a path or "s3://BUCKET/PREFIX"; by default nowhere: the values are in memory alone,
+        and an interrupted survey is lost.
+    cluster : str | Client | int | None
+        The URL of a dask scheduler or a client of it, whose workers see `out`; or how many processes to start here. By
+        default a survey of a few seconds is computed in this process, a longer one in two others.
+    progress : Progress | None
+        Called with the numbers of cells that are computed and that there are, again and again.
+    fields
+        Of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
 
-    Raises:
-        SurveyError: the request cannot be meant; something else is at `out`, or it cannot be written; no cluster.
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
+    Raises
+    ------
+    SurveyError
+        The request cannot be meant; something else is at `out`, or it cannot be written; no cluster.
     """
     wanted = _request(request, fields)
     if out is not None:

@@ -103,6 +103,8 @@ def command_line() -> str:
     parts = ["# Command line", "", "`rattle COMMAND --help` says the same.", ""]
     for name, each in _commands(group, "rattle"):
         parts += [f"## `{name}`", "", (each.help or "").strip(), ""]
+        if each.epilog:
+            parts += [f"Example: `{each.epilog.removeprefix('Example: ')}`", ""]
         rows = [(_option(option), getattr(option, "help", "") or "") for option in each.params if option.name != "help"]
         if rows:
             parts += [table(("", ""), rows)]

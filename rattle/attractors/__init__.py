@@ -1,4 +1,4 @@
-"""Which attractor a state goes to; basins, and how they intermingle. Knows no gear."""
+"""Decide which attractor a state goes to; basins, and how they intermingle. Knows no gear."""
 
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
@@ -14,7 +14,7 @@ from rattle.attractors.speeds import (
     sampled_speed,
     sampled_speeds,
 )
-from rattle.attractors.table import listed
+from rattle.attractors.table import attractors_of_cell
 
 CHAOTIC, PERIODIC, QUIET, UNDECIDED = Outcome.CHAOTIC, Outcome.PERIODIC, Outcome.QUIET, Outcome.UNDECIDED
 
@@ -32,9 +32,9 @@ __all__ = [
     "Outcome",
     "SampleSpec",
     "SpeedLimit",
+    "attractors_of_cell",
     "classified",
     "in_paper_plane",
-    "listed",
     "read_speed",
     "sampled_speed",
     "sampled_speeds",

@@ -27,8 +27,10 @@ BALLS_PER_ORBIT = 4
 
 
 class Centres(NamedTuple):
-    """Points (k,) of orbits around which balls are grown: cell, number of the orbit in it, impacts on Σ⁺ and on Σ⁻ in a
-    period; state; norm; and the radius, the largest at first and 0 where there is none.
+    """Points (k,) of orbits around which balls are grown.
+
+    Cell, number of the orbit in it, impacts on Σ⁺ and on Σ⁻ in a period; state; norm; and the radius, the largest at
+    first and 0 where there is none.
     """
 
     cell: Any
@@ -65,7 +67,7 @@ def contracting_norm(a, b, c, d, q):
 
 @inline
 def shrinks(a, b, c, d, m00, m01, m11):
-    """True if [[a, b], [c, d]] contracts in the norm M."""
+    """Return whether [[a, b], [c, d]] contracts in the norm M."""
     n00 = a * (m00 * a + m01 * c) + c * (m01 * a + m11 * c)
     n01 = a * (m00 * b + m01 * d) + c * (m01 * b + m11 * d)
     n11 = b * (m00 * b + m01 * d) + d * (m01 * b + m11 * d)
@@ -77,8 +79,15 @@ def shrinks(a, b, c, d, m00, m01, m11):
 
 @inline
 def placed(centres, i, direction, radius):
-    """The state in this direction from centre i: on the ellipse zᵀMz = size², by the Cholesky factor of M, where size
-    is the radius or, in every other direction, half of it.
+    """Return the state in this direction from centre i.
+
+    On the ellipse zᵀMz = size², by the Cholesky factor of M, where size is the radius or, in every other direction,
+    half of it.
+
+    Returns
+    -------
+    result
+        Phase and speed of the state.
     """
     m00, m01, m11 = centres.m00[i], centres.m01[i], centres.m11[i]
     size = radius if direction % 2 == 0 else 0.5 * radius
@@ -90,8 +99,14 @@ def placed(centres, i, direction, radius):
 
 @kernel
 def contracts(tau, v, i, centres, point):
-    """True if Π^k at this state has as many Σ⁻ impacts as the orbit of centre i and a tangent that contracts in its
-    norm.
+    """Return whether Π^k at this state has the Σ⁻ impacts of the orbit of centre i, and a contracting tangent.
+
+    The tangent contracts in its norm.
+
+    Returns
+    -------
+    result
+        Whether it contracts.
     """
     if not v > 0.0:
         return False
@@ -115,12 +130,12 @@ def enlarge_one_by_one(centres, cells):
 
 @inline
 def halved(radius):
-    """The next radius to try, 0 if there is none."""
+    """Return the next radius to try, 0 if there is none."""
     return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
 
 
 @inline
-def between(n_plus):
+def impacts_between_centres(n_plus):
     """Impacts from one centre of an orbit to the next."""
     return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
 
@@ -133,7 +148,7 @@ def fill_centres(grown, orbits, cells, whole, real):
         for j in range(grown[cell], orbits.n[cell]):
             point = point_of(cell, cells)
             n_plus, tau, v = orbits.n_plus[cell, j], orbits.tau[cell, j], orbits.v[cell, j]
-            every = between(n_plus)
+            every = impacts_between_centres(n_plus)
             unit = speed_unit(point.delta, point.epsilon, point.beta)
             for i in range(n_plus):
                 if i % every == 0:
@@ -150,12 +165,18 @@ def fill_centres(grown, orbits, cells, whole, real):
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
-    """The `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius; 0 where Π^k does
-    not contract.
+    """Return the `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius.
+
+    0 where Π^k does not contract.
+
+    Returns
+    -------
+    Centres
+        Centres with their largest radii.
     """
     number = np.arange(orbits.n_plus.shape[1])
     n_plus = orbits.n_plus[(number >= grown[:, None]) & (number < orbits.n[:, None])]
-    every = between(n_plus)
+    every = impacts_between_centres(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
     whole, real = np.zeros((4, n), np.int64), np.zeros((6, n))
     fill_centres(grown, orbits.for_kernels(), cells, whole, real)

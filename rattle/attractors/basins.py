@@ -17,7 +17,7 @@ from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
-from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, listed, tabulated
+from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, attractors_of_cell, tabulated
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, Dataset, Tabular, dataset_of
@@ -38,12 +38,12 @@ MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13  # at weak damping: impacts of all 
 
 
 def budget_of(delta: float, states: int) -> int:
-    """The most impacts of each of so many states: those of a survey, fewer of many at weak damping."""
+    """Return the most impacts of each of so many states: those of a survey, fewer of many at weak damping."""
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
 @dataclass(frozen=True)
-class Plane:
+class StatePlane:
     """The states (τ, v) on Σ⁺ of a gear at one parameter point; arrays (k,).
 
     classifier: the gear's. parameters: arrays (1,).
@@ -59,21 +59,29 @@ class Plane:
 
     @property
     def unit(self) -> float:
-        """What speeds are measured in (`rattle.flight.law.speed_unit`)."""
+        """Scale of speeds (`rattle.flight.law.speed_unit`)."""
         point = self.parameters.point()
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
-        """The states as samples of one cell, each followed to its end."""
+        """Return the states as samples of one cell, each followed to its end."""
         budget = budget_of(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The states after so many returns, and whether they have become quiet on the way."""
+        """Return the states after so many returns, and whether they have become quiet on the way."""
         return self.classifier.iterated(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
-        """The cell of every state: row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside."""
+        """Return the cell of every state.
+
+        Row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside.
+
+        Returns
+        -------
+        NDArray[np.int64]
+            Number of each state's cell.
+        """
         cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
         point = self.parameters.point()
         cell_of(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
@@ -116,7 +124,7 @@ class Basins(Tabular):
         return attractor_columns(self.attractors)
 
     def to_xarray(self) -> Dataset:
-        """labels and steps over (v, tau). Raises MissingExtraError without xarray."""
+        """Return labels and steps over (v, tau). Raises MissingExtraError without xarray."""
         names = [each.name for each in self.attractors]
         coded = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names), "long_name": "attractor"}
         return dataset_of(
@@ -126,22 +134,28 @@ class Basins(Tabular):
         )
 
 
-def classified(plane: Plane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """The attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
+def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
+    """Return the attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
     return table, rows, classifier.samples.impacts
 
 
 def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Steps to convergence, −1 where none is seen."""
+    """Return the steps to convergence, −1 where none is seen."""
     kind = table.kind[rows]
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
-    """The cells (n_v, n_tau) with another label among their eight neighbours; speeds are not periodic, phases are if
-    all of them are there.
+    """Return the cells (n_v, n_tau) with another label among their eight neighbours.
+
+    Speeds are not periodic, phases are if all of them are there.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        True at the boundary.
     """
     wide = np.pad(labels, ((0, 0), (1, 1)), mode="wrap" if all_phases else "edge")
     wide = np.pad(wide, ((1, 1), (0, 0)), mode="edge")
@@ -153,9 +167,15 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
     return found
 
 
-def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
-    """The map of cells (n² + 1,), the last the sink of quiet capture. A cell whose motion does not return to the box
-    maps to itself: a group of its own, which is then followed exactly.
+def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
+    """Return the map of cells (n² + 1,), the last the sink of quiet capture.
+
+    A cell whose motion does not return to the box maps to itself: a group of its own, which is then followed exactly.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Number of the cell that the centre of each cell goes to.
     """
     sink = tau.size
     t, speed, rests = plane.iterated(tau, v, impacts)
@@ -173,14 +193,14 @@ def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) 
 class States:
     """States of one parameter point that are followed in several calls, with one table of their attractors."""
 
-    def __init__(self, plane: Plane) -> None:
+    def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
         self.table = AttractorTable.empty()
         #: A state that goes to each of the attractors: followed again, it tells which one that is in a new call.
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """As `classified`, but rows of the common table, in which what is known keeps its row."""
+        """Return `classified` of states as rows of the common table, in which known attractors keep their rows."""
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
         table, rows, impacts = classified(self.plane, tau, v)
         row_of = self._known(table, rows[:known])
@@ -207,10 +227,17 @@ class States:
 
 
 def _by_cells(
-    plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
+    plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
-    trajectories, and every cell with another label among its neighbours, until there is none left.
+    """Return `classified` for the centres of all cells, by simple cell mapping.
+
+    If refine, a lattice of cells by their own trajectories, and every cell with another label among its neighbours,
+    until there is none left.
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]
+        The attractors, the row of each cell, and its steps to convergence.
     """
     impacts = round(impacts * max(1.0, WEAK / plane.delta))  # a step moves states nearer to attractors than a cell is
     image = _images(plane, tau, v, n, box, impacts)
@@ -242,7 +269,7 @@ def _by_cells(
 
 
 def basins(
-    plane: Plane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
+    plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
     """See `rattle.Gear.basins`."""
     n = require_integer("resolution", resolution, 1, FINEST)
@@ -263,5 +290,5 @@ def basins(
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)
     label[order] = np.arange(order.size)
-    found = listed(table.take(order), count[order])
+    found = attractors_of_cell(table.take(order), count[order])
     return Basins(across, up, label[rows].reshape(n, n), found, steps.reshape(n, n), method, box)

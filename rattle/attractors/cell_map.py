@@ -1,5 +1,4 @@
-"""A map of cells to cells: the motion that a grid of states leaves of the impact map, and where each cell ends up
-(compiled).
+"""Map cells to cells: the motion of a grid of states under the impact map, and where each cell ends (compiled).
 
 Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11: simple cell mapping.
 """
@@ -27,8 +26,9 @@ class Box(NamedTuple):
 
 @kernel
 def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
-    """Write to cell the cell of every state: row-major (v, τ) of n × n of a box, n² if it is certain to become quiet,
-    −1 if it is outside.
+    """Write to cell the cell of every state.
+
+    Row-major (v, τ) of n × n of a box, n² if it is certain to become quiet, −1 if it is outside.
     """
     for i in range(tau.size):
         sine, cosine = phase_at(tau[i])
@@ -45,11 +45,17 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
 
 @kernel
 def find_groups(image, group, steps):
-    """Follow every cell of the map to the periodic group that it ends in: its number and the steps until there, 0 on
-    the group itself. group must be UNSEEN everywhere. Returns the number of groups.
+    """Follow every cell of the map to the periodic group that it ends in.
+
+    Its number and the steps until there are written, 0 on the group itself. group must be UNSEEN everywhere.
 
     One pass: a chain of images is followed to a cell that is known, then written from its start. While it is on the
     way, steps holds the positions of its cells.
+
+    Returns
+    -------
+    result
+        Number of groups.
     """
     groups = 0
     for start in range(image.size):
@@ -72,8 +78,14 @@ def find_groups(image, group, steps):
 
 
 def groups_of_map(image: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """The periodic groups of a map of cells 0 … n − 1 (n,): each cell's group, its steps to it, each group's first
-    cell. Groups are numbered by their first cells.
+    """Return the periodic groups of a map of cells 0 … n − 1 (n,).
+
+    Each cell's group, its steps to it, each group's first cell. Groups are numbered by their first cells.
+
+    Returns
+    -------
+    tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+        Group of each cell, steps to it, and the first cell of each group.
     """
     group, steps = np.full(image.size, UNSEEN), np.zeros(image.size, np.int64)
     n_groups = find_groups(image, group, steps)

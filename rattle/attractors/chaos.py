@@ -1,5 +1,6 @@
-"""Lyapunov exponents per forcing period with error bars, from batch sums of a trajectory's tangent; which chaotic
-trajectories are on one attractor, by the boxes of the (τ, v) plane that they visited (compiled).
+"""Lyapunov exponents per forcing period with error bars, from batch sums of a trajectory's tangent.
+
+Which chaotic trajectories are on one attractor, by the boxes of the (τ, v) plane that they visited (compiled).
 
 The tangent runs in (t, v²/2), where one flight of duration s has determinant e^(−δs), so that λ₁ + λ₂ = −δ holds at
 finite time and tests every matrix. λ₁ comes from the growth of one vector; after re-orthonormalisation the second
@@ -28,7 +29,7 @@ ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
 
 @inline
 def boxes_in(bits):
-    """The number of ones, in sums over ever more bits: no branches, which a loop over rows would wait for."""
+    """Return the number of ones, in sums over ever more bits: no branches, which a loop over rows would wait for."""
     bits = bits - ((bits >> ONE) & PAIRS)
     bits = (bits & FOURS) + ((bits >> TWO) & FOURS)
     return np.int64((((bits + (bits >> FOUR)) & EIGHTS) * SUM) >> TOP)
@@ -36,7 +37,7 @@ def boxes_in(bits):
 
 @inline
 def same_attractor(boxes, i, j):
-    """True if two footprints share SAME_FOOTPRINT of the smaller one."""
+    """Return whether two footprints share SAME_FOOTPRINT of the smaller one."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
         in_i += boxes_in(boxes[i, k])
@@ -47,8 +48,10 @@ def same_attractor(boxes, i, j):
 
 @kernel
 def group_numbers(boxes, size, group):
-    """Write to group (k,) the number of each footprint's group, that of its first member among the footprints of its
-    cell, which has `size` of the boxes (k, GRID), worked in.
+    """Write the number of each visited-cell bitmap's group to group (k,).
+
+    It is the number of the group's first member among the bitmaps of its cell, which has `size` of the boxes (k, GRID),
+    worked in.
 
     Groups that share SAME_FOOTPRINT of the smaller union are joined, until none do; different attractors are disjoint.
     """
@@ -74,9 +77,14 @@ def group_numbers(boxes, size, group):
 
 @kernel
 def exponents(sums):
-    """(λ₁, λ₂, 95 % half-width of λ₁) from rows of time, ln stretch and ln|det|; NaN if nothing was measured.
+    """Return the Lyapunov exponents from rows of time, ln stretch and ln|det|.
 
-    The error bar is that of a ratio estimate over batches, which are long against the correlation time.
+    The error bar is that of a ratio estimate over batches, which are long against the correlation.
+
+    Returns
+    -------
+    result
+        (λ₁, λ₂, 95 % half-width of λ₁); NaN if nothing was measured.
     """
     time, stretch, contraction, used = 0.0, 0.0, 0.0, 0
     for i in range(sums.shape[0]):
@@ -96,10 +104,15 @@ def exponents(sums):
 
 @kernel
 def is_chaotic(sums):
-    """True if the first exponent is above its error bar and the growth is not that of shear.
+    """Return whether the first exponent is above its error bar and the growth is not that of shear.
 
     A vector also grows in regular motion, as ln t: by ln 2 over the second half, where chaos must have more than
     LEAST_GROWTH.
+
+    Returns
+    -------
+    result
+        True if chaotic.
     """
     first, _second, error = exponents(sums)
     later = 0.0
@@ -116,7 +129,7 @@ def fill_chaotic(sums, found):
 
 
 def are_chaotic(sums: Array) -> NDArray[np.bool_]:
-    """Whether each of several trajectories is, (k,), from sums (k, BATCHES, 3)."""
+    """Return whether each of several trajectories is, (k,), from sums (k, BATCHES, 3)."""
     found = np.zeros(len(sums), np.bool_)
     fill_chaotic(sums, found)
     return found
@@ -132,8 +145,14 @@ def fill_exponents(sums, size, found):
 
 
 def pooled(sums: Sequence[Array]) -> Array:
-    """(λ₁, λ₂, 95 % half-width) of several attractors, (3, n), of each from several trajectories on it: sums
-    (trajectories, BATCHES, 3).
+    """Return the exponents of several attractors, of each from several trajectories on it.
+
+    From sums (trajectories, BATCHES, 3).
+
+    Returns
+    -------
+    Array
+        (λ₁, λ₂, 95 % half-width), (3, n).
     """
     rows = np.concatenate([each.reshape(-1, 3) for each in sums])
     found = np.zeros((3, len(sums)))
@@ -160,11 +179,17 @@ def fill_standing(cells, status, impacts, first, left, leaks):
 
 
 def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
-    """How many samples are left in each of these cells (k,), and whether they may still settle, from status and impacts
-    (n_cells, count): others settled later than to begin with, within the first impacts (n_cells,), and what is left has
-    not outlasted them by enough since.
+    """Return the number of unresolved samples in each of these cells (k,), and whether they may still settle.
+
+    Derived from status and impacts (n_cells, count): others settled later than to begin with, within the first impacts
+    (n_cells,), and the unresolved samples have not outlasted them by enough since.
 
     Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
+
+    Returns
+    -------
+    tuple[Counts, NDArray[np.bool_]]
+        Numbers (k,) of unresolved samples, and flags (k,).
     """
     left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
     fill_standing(cells, status, impacts, first, left, leaks)

@@ -1,4 +1,4 @@
-"""Which attractors the samples of many cells go to, with as few impacts as certainty allows.
+"""Classify the samples of many cells by attractor, with as few impacts as certainty allows.
 
 Every sample is followed until it is captured or has made FIRST impacts. In a cell where some are left, a few of them,
 the witnesses, are measured for longer with a tangent vector: they show what the others do, or that all must be followed
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, doubled, empty_tables
+from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, empty_tables, with_twice_the_room
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
@@ -44,8 +44,9 @@ ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
 
 
 class Chaos(NamedTuple):
-    """A chaotic attractor of one cell: the samples that are on it, the batch sums of those measured, and the forcing
-    periods for which these were watched.
+    """A chaotic attractor of one cell.
+
+    The samples that are on it, the batch sums of those measured, and the forcing periods for which these were watched.
     """
 
     samples: NDArray[np.int64]
@@ -54,7 +55,7 @@ class Chaos(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Of k samples that were watched: batch sums (k, BATCHES, 3), footprints (k, GRID)."""
+    """Observations of k probes: batch sums (k, BATCHES, 3), visited-cell bitmaps (k, GRID)."""
 
     sums: NDArray[np.float64]
     prints: NDArray[np.uint64]
@@ -86,7 +87,7 @@ class Classifier(ABC):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> Any:
-        """The same where only periodic orbits are followed."""
+        """Return the same where only periodic orbits are followed."""
         return cls.cells_of(parameters)
 
     @staticmethod
@@ -94,8 +95,9 @@ class Classifier(ABC):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
-        one that goes on bouncing is located there.
+        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way.
+
+        One that goes on bouncing is located there.
         """
 
     @classmethod
@@ -106,7 +108,7 @@ class Classifier(ABC):
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
-        """The samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+        """Return the samples (τ, v) (n, count) of cells with parameters (n,), followed to their end or budget."""
         compile_apart("rattle.precompile", "survey", cls.model)
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
@@ -115,7 +117,7 @@ class Classifier(ABC):
     @property
     @abstractmethod
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion."""
+        """Flags of the cells (n_cells,) that have a quiet motion."""
 
     @abstractmethod
     def enter_known_orbits(self) -> None:
@@ -133,8 +135,9 @@ class Classifier(ABC):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these (k,) of the survey's samples with a tangent vector, for so many impacts and forcing periods (k,)
-        at least, in place.
+        """Follow these (k,) of the survey's samples with a tangent vector, in place.
+
+        Each for so many impacts and forcing periods (k,) at least.
         """
 
     def run(self) -> None:
@@ -161,8 +164,15 @@ class Classifier(ABC):
     def settled(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Status (k,) of other states of these cells after so many impacts at most, all (k,): one that reaches no
-        attractor by then is UNRESOLVED, and judged no further. What orbits they find is known from then on.
+        """Return the status (k,) of other states of these cells after so many impacts at most, all (k,).
+
+        One that reaches no attractor by then is UNRESOLVED, and judged no further. Orbits that they find are known to
+        the cells from then on.
+
+        Returns
+        -------
+        NDArray[np.int64]
+            Status of each state.
         """
         others = begun(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
@@ -183,7 +193,7 @@ class Classifier(ABC):
         return np.asarray(self.samples.impacts.reshape(-1, self.count))
 
     def left_in(self, cells: NDArray[np.int64]) -> Sets:
-        """The samples of these cells that have not ended."""
+        """Return the samples of these cells that have not ended."""
         left = self.status[cells] == Outcome.UNRESOLVED
         row, column = np.nonzero(left)
         return Sets(cells[row] * self.count + column, left.sum(axis=1))
@@ -219,7 +229,7 @@ class Classifier(ABC):
     def make_room(self, most: int) -> None:
         """Have room for so many orbits in each cell, as often doubled as it takes."""
         while self.orbits.m.shape[1] < most:
-            self.orbits, self.balls = doubled(self.orbits), doubled(self.balls)
+            self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""
@@ -248,10 +258,17 @@ class Classifier(ABC):
         return decided
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
-        samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where all may
-        come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from others.
-        Where there are fewer samples than MANY, states near them are watched too: a small count is no reason for chaos.
+        """Return whether nothing leaves what is left in these cells, in as many impacts as the most watched has made.
+
+        Of all samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where
+        all may come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from
+        others. Where there are fewer samples than MANY, states near them are watched too: a small count is no reason
+        for chaos.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for cells in which nothing leaves.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -277,8 +294,14 @@ class Classifier(ABC):
         return lasted
 
     def crowd_lasts(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
-        """Whether states beside what is left in these cells, those of so many of a crowd, go on too, each for as many
-        impacts as any sample: in chaos they soon have nothing in common.
+        """Return whether neighbours of the unresolved samples of these cells stay unresolved too.
+
+        Each is followed for as many impacts as any sample: in chaos they soon have nothing in common.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            Flags (k,) of the cells whose neighbours stay unresolved.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -300,11 +323,19 @@ class Classifier(ABC):
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Whether samples of these cells that went on for so long, instead of so many periods, may be about to rest."""
+        """Return whether samples of these cells, followed for so long instead of so many periods, may be chattering."""
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
-        """What is seen of these samples, and whether each is left and chaotic; if unclear, measured for longer."""
+        """Observe these samples, for longer if unclear.
+
+        Return the observations, and whether each is unresolved and chaotic.
+
+        Returns
+        -------
+        tuple[Seen, NDArray[np.bool_]]
+            The observations, and the flags of chaos.
+        """
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
         pace = samples.time / np.maximum(samples.impacts, 1)
@@ -329,9 +360,14 @@ class Classifier(ABC):
         return seen, chaotic
 
     def declare_chaos(self, cells: NDArray[np.int64], witnesses: Sets, seen: Seen) -> NDArray[np.bool_]:
-        """All that is left in each of these cells is on the chaotic attractor of its witnesses. If these seem to be on
-        several, they are measured for longer, and at last all that is left. False where some of those then end
-        elsewhere.
+        """Declare the unresolved samples of each of these cells to be on the chaotic attractor of its probes.
+
+        If the probes seem to be on several, they are measured for longer, and at last all unresolved samples.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            False where this is not so.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -358,7 +394,15 @@ class Classifier(ABC):
         return declared
 
     def declare_several(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """What is left in each of these cells is on several chaotic attractors, unless some of it ends elsewhere."""
+        """Declare the unresolved samples of each of these cells to be on several chaotic attractors.
+
+        Unless some of them end elsewhere.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for cells of which this is so.
+        """
         if not cells.size:
             return np.zeros(0, np.bool_)
         left = self.left_in(cells)
@@ -375,30 +419,30 @@ class Classifier(ABC):
         return declared
 
     def are_several(self, sets: Sets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Whether the footprints (k, GRID) of a cell's samples are in several groups, of every cell."""
+        """Return whether the footprints (k, GRID) of a cell's samples are in several groups, of every cell."""
         number = np.zeros(sets.which.size, np.int64)
         group_numbers(prints.copy(), sets.size, number)
         return ~sets.all_of(number == 0)
 
     def traced(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """These footprints with those of a further stretch of the samples (k,)."""
+        """Return these visited-cell bitmaps with those of a further stretch of the samples (k,)."""
         mark_footprints(which, TRACED, self.cells, self.samples, prints)
         return prints
 
     def watched(self, which: NDArray[np.int64]) -> float:
-        """Forcing periods for which all of these samples were followed."""
+        """Return the forcing periods for which all of these samples were followed."""
         return float(self.samples.time[which].min())
 
 
 def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The most impacts of a sample to the end of these stages, where damping is strong."""
+    """Return the most impacts of a sample to the end of these stages, where damping is strong."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
 ) -> Trajectories:
-    """Samples (k,) that have made no impact yet, and so many at most; the arrays are followed in place."""
+    """Return samples (k,) without an impact, of so many impacts at most; the arrays are followed in place."""
     return Trajectories(
         cell=np.ascontiguousarray(cell),  # another layout would be another variant of each kernel
         tau=tau,

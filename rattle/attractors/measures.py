@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.basins import Basins, Plane, classified
+from rattle.attractors.basins import Basins, StatePlane, classified
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
@@ -18,9 +18,10 @@ LONGEST_BOX = 4096
 
 
 class BasinEntropy(NamedTuple):
-    """Entropy per box (nats) over all boxes and over those at boundaries (NaN if there are none), with the numbers of
-    both. Both entropies are NaN if a cell is undecided: its basin is not known. Source: Daza et al., Scientific Reports
-    6 (2016) 31416.
+    """Entropy per box (nats) over all boxes and over those at boundaries, with the numbers of both.
+
+    The second is NaN if there are no boundaries. Both entropies are NaN if a cell is undecided: its basin is not known.
+    Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 
     entropy: float
@@ -30,8 +31,9 @@ class BasinEntropy(NamedTuple):
 
 
 class Uncertainty(NamedTuple):
-    """The exponent α of the share of uncertain pairs f ∝ size^α, with its 95 % half-width; NaN where fewer than three
-    sizes have uncertain pairs enough to tell.
+    """The exponent α of the share of uncertain pairs f ∝ size^α, with its 95 % half-width.
+
+    NaN where fewer than three sizes have uncertain pairs enough to tell.
 
     sizes (k,): distances between the states of a pair, in units of the whole plane (1 in τ, v_max in v). fractions,
     low, high (k,): share of uncertain pairs with its 95 % Wilson interval. pairs (k,): pairs with both fates decided.
@@ -47,10 +49,20 @@ class Uncertainty(NamedTuple):
 
 
 def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
-    """The cells (n, n) that two results of the same grid give to different attractors.
+    """Return the cells (n, n) that two results of the same grid give to different attractors.
 
     Attractors of the two are the same if kind and P(m, n₊, n₋) agree; where several could be, they are paired so that
-    fewest cells differ. Raises ParameterError on different grids.
+    fewest cells differ.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        True where the two differ.
+
+    Raises
+    ------
+    ParameterError
+        On different grids.
     """
     same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
     require(same_grid, f"the grids differ: {a.labels.shape} to v = {a.v[-1]:g}, {b.labels.shape} to v = {b.v[-1]:g}")
@@ -67,14 +79,24 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
 
 
 def disagreement(a: Basins, b: Basins) -> float:
-    """The share of cells that two results of the same grid give to different attractors; see `differing`."""
+    """Return the share of cells that two results of the same grid give to different attractors; see `differing`."""
     return float(differing(a, b).mean())
 
 
 def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     """Basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
 
-    What does not fill a box at the upper ends of τ and v is left out. Raises ParameterError if no box fits.
+    What does not fill a box at the upper ends of τ and v is left out.
+
+    Returns
+    -------
+    BasinEntropy
+        Entropies and numbers of boxes.
+
+    Raises
+    ------
+    ParameterError
+        If no box fits.
     """
     n = basins.labels.shape[0]
     box = require_integer("box", box, 1, min(n, LONGEST_BOX))
@@ -110,9 +132,16 @@ def _pairs(
 def power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
-    """α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms with binomial weights.
+    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width.
+
+    By least squares of logarithms with binomial weights.
 
     Where the points scatter by more than counting explains, the error grows by that.
+
+    Returns
+    -------
+    tuple[float, float]
+        The exponent and its half-width.
     """
     enough = uncertain >= FEWEST
     if enough.sum() < 3:
@@ -128,7 +157,7 @@ def power_law(
     return slope, float(Z_95 * np.sqrt(max(scatter, 1.0) / spread))
 
 
-def uncertainty(plane: Plane, pairs: int, v_max: float, seed: int) -> Uncertainty:
+def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncertainty:
     """See `rattle.Gear.uncertainty`."""
     pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
     v_max = require_number("v_max", v_max, positive=True)

@@ -22,13 +22,13 @@ SAME_POINT = 1e-6  # two orbits of one label closer than this are one
 
 @inline
 def unit_at(point):
-    """What speeds are measured in at a parameter point."""
+    """Return the scale of speeds at a parameter point."""
     return speed_unit(point.delta, point.epsilon, point.beta)
 
 
 @kernel
 def approaches(tau, v, star_tau, star_v, k, most, point):
-    """True if the trajectory is seen to approach the orbit."""
+    """Return whether the trajectory is seen to approach the orbit."""
     unit = unit_at(point)
     start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVED:
@@ -61,9 +61,14 @@ def first_return(tau, v, gap, point):
 
 @kernel
 def stable_orbit(tau, v, gap, most, point):
-    """The stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
+    """Return the stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
 
     (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
+
+    Returns
+    -------
+    result
+        (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
     """
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
@@ -84,8 +89,14 @@ def stable_orbit(tau, v, gap, most, point):
 
 @kernel
 def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
-    """The index of this orbit among those of the cell, −1 if it is new. A near tie for the fastest point may be broken
-    either way, so all points are compared.
+    """Return the index of this orbit among those of the cell, −1 if it is new.
+
+    A near tie for the fastest point may be broken either way, so all points are compared.
+
+    Returns
+    -------
+    result
+        Index of the orbit.
     """
     near = SAME_POINT * unit_at(point)
     for j in range(orbits.n[cell]):
@@ -136,8 +147,9 @@ def mark_footprints(
 
 @kernel
 def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
-    """Enter stable orbits of period one, so many (n_cells,) of arrays (n_cells, room), into those that the cells know,
-    which have room for them.
+    """Enter stable orbits of period one into those that the cells know.
+
+    So many (n_cells,) of arrays (n_cells, room), which have room for them.
     """
     for cell in range(n.size):
         for j in range(n[cell]):
@@ -181,6 +193,11 @@ def resolve(
 
     Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
     grown[cell] on are, or while the cell has no room for one more.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Samples that wait, in their order.
     """
     waiting = np.zeros_like(which)
     tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()

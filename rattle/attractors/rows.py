@@ -13,9 +13,10 @@ Counts = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """Rows (n,), cell by cell, in each by kind and number: its cell, kind, number among those of its cell and kind, the
-    first of its samples (the last of all, if it has none), how many there are, the impacts of all and the least time of
-    one.
+    """Rows (n,), cell by cell, in each by kind and number.
+
+    Its cell, kind, number among those of its cell and kind, the first of its samples (the last of all, if it has none),
+    how many there are, the impacts of all and the least time of one.
     """
 
     cell: Any
@@ -28,8 +29,8 @@ class Rows(NamedTuple):
 
 
 @inline
-def place_of(kind, which, orbits):
-    """Where a cell's attractor stands among all that it might have, if so many are orbits."""
+def row_of_outcome(kind, which, orbits):
+    """Return the number of a cell's attractor among all that it might have, if so many are orbits."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -37,8 +38,14 @@ def place_of(kind, which, orbits):
 
 @kernel
 def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
-    """Fill the columns of `rows_of`, zero before, with so many orbits in a cell at most, in room (2, places) for what
-    is met in it; how many rows there are.
+    """Fill the columns of `rows_of`, zero before, and return how many rows there are.
+
+    With so many orbits in a cell at most, in room (2, places) for the attractors met in it.
+
+    Returns
+    -------
+    result
+        Number of rows.
     """
     at, seen, n = room[0], room[1], 0
     cells, places = known.size, at.size
@@ -46,7 +53,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = place_of(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
+            p = row_of_outcome(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p
@@ -80,9 +87,15 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
 
 
 def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
-    """The `Rows` of samples, as many in each cell, cell by cell, with their kind, the number of their attractor among
-    those of its cell and kind, impacts and time; every cell also has a row for each of so many known orbits. row is
-    filled with that of every sample.
+    """Return the `Rows` of samples, as many in each cell, cell by cell.
+
+    With their kind, the number of their attractor among those of its cell and kind, impacts and time; every cell also
+    has a row for each of so many known orbits. row is filled with that of every sample.
+
+    Returns
+    -------
+    Rows
+        Columns of the table.
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)

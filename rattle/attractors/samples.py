@@ -22,7 +22,7 @@ ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expand
 
 
 class Outcome(IntEnum):
-    """What has become of a sample; numba reads the members as constants.
+    """Outcome of a sample; numba reads the members as constants.
 
     UNRESOLVED: it goes on. QUIET: it is certain to stay in contact with Σ⁺. PERIODIC: a stable orbit has captured it.
     CHAOTIC: it is on a chaotic attractor. UNDECIDED: nothing tells where it goes. RECURRENT: it has come back to where
@@ -42,9 +42,10 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Trajectories(StructOfArrays):
-    """Samples on their way (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that
-    captured them; after a recurrence the impacts between, and the impacts before which the next one is not looked for;
-    and the forcing periods so far.
+    """Samples on their way (n,): cell, state, impacts so far and at most, outcome, orbit that captured them.
+
+    After a recurrence: the impacts between, and the impacts before which the next one is not looked for; and the
+    forcing periods so far.
     """
 
     cell: Any
@@ -67,35 +68,35 @@ class Sets(NamedTuple):
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """Where each cell's samples begin, (n,)."""
+        """First sample of each cell, (n,)."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def each(self) -> list[NDArray[np.int64]]:
-        """The samples of each cell."""
+        """Return the samples of each cell."""
         return np.split(self.which, self.starts[1:]) if self.size.size else []
 
     def only(self, chosen: NDArray[np.bool_]) -> Sets:
-        """Those of the chosen cells, chosen (n,)."""
+        """Return those of the chosen cells, chosen (n,)."""
         return Sets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
 
     def evenly(self, most: int) -> Sets:
-        """At most so many samples of each cell, evenly among them."""
+        """Return at most so many samples of each cell, evenly among them."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         first, among, of = (np.repeat(x, size) for x in (self.starts, self.size, size))
         return Sets(self.which[first + number * among // of], size)
 
     def all_of(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Of which cells it holds for all samples, from samples (k,)."""
+        """Return the cells for which it holds for all samples, from samples (k,)."""
         cell = np.repeat(np.arange(self.size.size), self.size)
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
     def largest(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The largest of these values of samples in each cell, none of which is without."""
+        """Return the largest of these values of samples in each cell, none of which is without."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
     def smallest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The smallest, likewise."""
+        """Return the smallest, likewise."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
@@ -115,8 +116,9 @@ class Orbits(StructOfArrays):
 
 @dataclass(frozen=True, eq=False)
 class Balls(StructOfArrays):
-    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used: captured where
-    c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
+    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used.
+
+    Captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
     """
 
     n: Any
@@ -134,7 +136,7 @@ BallColumns = kernel_columns("BallColumns", Balls, __name__)
 
 
 def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, Balls]:
-    """What cells know at first, with room for so many orbits of each."""
+    """Return empty tables of orbits and capture regions, with room for so many orbits of each cell."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = Orbits(
         n=np.zeros(n_cells, np.int64),
@@ -148,7 +150,7 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
     )
 
 
-def doubled(table: Known) -> Known:
+def with_twice_the_room(table: Known) -> Known:
     """Return a table (n_cells, room) with twice the room."""
     columns = table.columns()
     wider = {name: np.concatenate([x, np.zeros_like(x)], axis=1) for name, x in columns.items() if name != "n"}
@@ -157,7 +159,7 @@ def doubled(table: Known) -> Known:
 
 @inline
 def capturing_orbit(tau, v, cell, balls):
-    """The orbit whose ball holds the state, −1 if none."""
+    """Return the orbit whose ball holds the state, −1 if none."""
     for p in range(balls.n[cell]):
         x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
@@ -167,7 +169,7 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """The largest speed of a footprint: beyond are few, if any."""
+    """Return the largest speed of a footprint: beyond are few, if any."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 

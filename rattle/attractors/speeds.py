@@ -1,4 +1,4 @@
-"""Which states of each cell are sampled (`SampleSpec`), and up to which speed."""
+"""Choose the sampled states of each cell (`SampleSpec`), and the speed up to which they lie."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -56,6 +56,7 @@ class SampleSpec:
     v_min: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name, low, high in (("budget", 1, LARGEST_BUDGET), ("count", 1, MOST_SAMPLES), ("seed", 0, LARGEST_SEED)):
             object.__setattr__(self, name, require_integer(name, getattr(self, name), low, high))
 
@@ -73,14 +74,26 @@ class SampleSpec:
 
 
 def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Whether parameters are in the paper's plane or about it, where its figures' speeds fit all motions."""
+    """Return whether parameters are in the paper's plane or about it, where its figures' speeds fit all motions."""
     inside = [(low <= x) & (x <= high) for x, (low, high) in zip((delta, epsilon, beta), PLANE, strict=True)]
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
 
 
 def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
-    """The largest speed of a sample in each of these cells (n,): a number for all, "natural" for 1.5 √(16πδβ) + 2πε of
-    each, None for 7 in the paper's plane and the natural one elsewhere. Raises ParameterError.
+    """Return the largest speed of a sample in each of these cells (n,).
+
+    A number for all, "natural" for 1.5 √(16πδβ) + 2πε of each, None for 7 in the paper's plane and the natural one
+    elsewhere.
+
+    Returns
+    -------
+    Array
+        Largest speed in each cell.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     if v_max is None:
         inside = in_paper_plane(delta, epsilon, beta)
@@ -93,7 +106,7 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
 
 
 def read_speed(text: str | None) -> SpeedLimit:
-    """What somebody typed: a number, a word that `sampled_speeds` knows or refuses, None for nothing."""
+    """Read a speed limit from text: a number, a word that `sampled_speeds` knows or refuses, None for nothing."""
     text = (text or "").strip()
     try:
         return float(text) if text else None
@@ -102,5 +115,5 @@ def read_speed(text: str | None) -> SpeedLimit:
 
 
 def sampled_speed(v_max: SpeedLimit, delta: float, epsilon: float, beta: float) -> float:
-    """The same of one gear."""
+    """Return the same of one gear."""
     return float(sampled_speeds(v_max, *(np.array([x]) for x in (delta, epsilon, beta)))[0])

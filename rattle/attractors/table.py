@@ -46,7 +46,7 @@ class Attractor:
 
     @property
     def name(self) -> str:
-        """What it is in a word: the label of a periodic motion without blanks, or the kind."""
+        """Name in a word: the label of a periodic motion without blanks, or the kind."""
         return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[Outcome.PERIODIC] else self.kind
 
     def _repr_html_(self) -> str:
@@ -54,7 +54,7 @@ class Attractor:
 
 
 def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
-    """The table of attractors, a row each."""
+    """Return the table of attractors, a row each."""
     return {
         "kind": [each.kind for each in attractors],
         "m": [each.m for each in attractors],
@@ -86,6 +86,7 @@ class AttractorTuple(tuple[Attractor, ...]):
         }
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return table_of(self._columns())
 
     def _repr_html_(self) -> str:
@@ -134,13 +135,14 @@ class AttractorTable(StructOfArrays):
         return self.columns() | {"kind": np.array(KINDS)[self.kind]}
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
+        """Return a row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
 
@@ -164,8 +166,14 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
-    """One row for every attractor of every cell, and the row of every sample; missed: stable orbits that are known and
-    that no sample went to have rows too.
+    """Return one row for every attractor of every cell, and the row of every sample.
+
+    Missed: stable orbits that are known and that no sample went to have rows too.
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.int64]]
+        The table, and the row of each sample.
     """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits
@@ -221,8 +229,16 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
     return table
 
 
-def listed(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """The rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the table's."""
+def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
+    """Return the rows of one cell's table, with fractions from numbers of samples (rows,).
+
+    These need not be the table's.
+
+    Returns
+    -------
+    tuple[Attractor, ...]
+        The attractors of the cell.
+    """
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)
     return AttractorTuple(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
-from rattle.comparison.measured import Measured, period_of
+from rattle.comparison.measured import MeasuredImpacts, period_of
 from rattle.comparison.walls import AS_GOOD, Fit, Fitting, fit, fits, interval
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
@@ -66,7 +66,7 @@ class Comparison:
 
 
 def compare(
-    measured: Measured,
+    measured: MeasuredImpacts,
     gear: AnyGear,
     offset: float | None = None,
     *,
@@ -75,11 +75,22 @@ def compare(
     count: int = 64,
     seed: int = 0,
 ) -> Comparison:
-    """Measured impacts beside the attractors that `count` samples of this gear find.
+    """Compare measured impacts with the attractors that `count` samples of this gear find.
 
-    offset: the time of phase 0, at which the transmission error closes the gap at Σ⁺ most, in forcing periods; None: as
-    fits best. tolerance: of the times between repeated impacts, over the mean time between impacts. Raises
-    ParameterError, and RattleError where an attractor cannot be followed.
+    Raises ParameterError, and RattleError where an attractor cannot be followed.
+
+    Parameters
+    ----------
+    offset : float | None
+        The time of phase 0, at which the transmission error closes the gap at Σ⁺ most, in forcing periods; None: as
+        fits best.
+    tolerance : float
+        Of the times between repeated impacts, over the mean time between impacts.
+
+    Returns
+    -------
+    Comparison
+        The attractors by rising distance.
     """
     bins = require_integer("bins", bins, 1, MOST_BINS)
     tolerance = require_number("tolerance", tolerance, positive=True)
@@ -116,7 +127,7 @@ def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Compar
 
 
 class _Known(NamedTuple):
-    """What an attractor has: sorted phases of its impacts on either wall, each of which stands for this rate."""
+    """Sorted phases of an attractor's impacts on either wall, each of which stands for this rate."""
 
     attractor: Attractor
     intensity: Intensity
@@ -132,7 +143,7 @@ def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
     return _Known(attractor, gear.intensity(attractor), phases, rate, _histogram(phases, rate, bins))
 
 
-def _compared(measured: Measured, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
+def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
     label = period_of(time, wall, tolerance)
@@ -173,9 +184,14 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
 
 
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
-    """Of two distributions of phases, each of which stands for so many impacts per forcing period.
+    """Return the distance of two distributions of phases, each of which stands for so many impacts per period.
 
     Around a circle the earth mover's distance is the mean of |F − G − its median| of the distribution functions.
+
+    Returns
+    -------
+    float
+        The distance.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

@@ -21,9 +21,11 @@ COLUMNS = ("time", "speed", "wall")
 Array = NDArray[np.float64]
 
 
-class Measured(NamedTuple):
-    """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions; speeds of arrival of the
-    model, and walls, +1 where the driving side of the teeth meets, or −1, None where these were not measured.
+class MeasuredImpacts(NamedTuple):
+    """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions.
+
+    Speeds of arrival of the model, and walls, +1 where the driving side of the teeth meets, or −1, None where these
+    were not measured.
     """
 
     time: Array
@@ -41,10 +43,20 @@ class Measured(NamedTuple):
         return (self.time.size - 1) / self.span
 
 
-def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> Measured:
-    """Impacts (n,) at rising times in forcing periods, with speeds ≥ 0 of the model and walls ±1 where these are known.
+def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> MeasuredImpacts:
+    """Return impacts (n,) at rising times in forcing periods.
 
-    Raises ParameterError.
+    With speeds ≥ 0 of the model and walls ±1 where these are known.
+
+    Returns
+    -------
+    Measured
+        The impacts.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
@@ -64,15 +76,29 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
         require(given.shape == times.shape, f"give a wall for each of the {times.size} impacts, or none")
         require(bool((np.abs(given) == 1).all()), "walls must be 1 or -1")
         walls = given.astype(np.int64)
-    return Measured(times, speeds, walls)
+    return MeasuredImpacts(times, speeds, walls)
 
 
-def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> Measured:
-    """Impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
+def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> MeasuredImpacts:
+    """Read impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
 
-    time_unit, speed_unit: what a forcing period and a unit of speed of the model are in the table's units:
-    `units.time` and `units.velocity` of a `Machine` for seconds and m/s. Raises ParameterError, and RattleError if the
-    file cannot be read.
+    Parameters
+    ----------
+    time_unit, speed_unit : float
+        What a forcing period and a unit of speed of the model are in the table's units: `units.time` and
+        `units.velocity` of a `Machine` for seconds and m/s.
+
+    Returns
+    -------
+    Measured
+        The impacts.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the file cannot be read.
     """
     found = read_columns(path, COLUMNS, needed="time")
     speed = found["speed"] / speed_unit if "speed" in found else None
@@ -80,10 +106,20 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 
 
 def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
-    """(m, n₊, n₋) of impacts that repeat themselves; None if they do not.
+    """Return the label (m, n₊, n₋) of impacts that repeat themselves; None if they do not.
 
-    tolerance: root mean square of how much earlier or later they are after m whole periods, over the mean time between
-    impacts. The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+    The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+
+    Parameters
+    ----------
+    tolerance : float
+        Root mean square of how much earlier or later they are after m whole periods, over the mean time between
+        impacts.
+
+    Returns
+    -------
+    tuple[int, int, int] | None
+        The label, or None.
     """
     allowed = tolerance * float(time[-1] - time[0]) / (time.size - 1)
     found = []

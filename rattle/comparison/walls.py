@@ -1,4 +1,4 @@
-"""Which wall each of a series of impacts is on, and where phase 0 lies, from their times alone.
+"""Find the wall of each of a series of impacts, and phase 0, from their times alone.
 
 A flight from wall a at t₀ to wall b at t₁ has its velocities w₀, w₁ in closed form (`rattle.flight.between`). Those of
 the walls that were met point into the gap and back out of it, and an elastic impact turns w₁ of one flight into −w₀ of
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.comparison.measured import Measured
+from rattle.comparison.measured import MeasuredImpacts
 from rattle.flight.between import flight_between
 from rattle.flight.forcing import analytic_phase
 from rattle.flight.law import speed_unit, wrapped
@@ -44,9 +44,10 @@ Walls = NDArray[np.int64]
 
 
 class Fit(NamedTuple):
-    """wall (n,) of each impact, 0 of one that is none of the motion; offset: the time of phase 0, in [0, 1); misfit:
-    mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, 0 for motions of the gear, with 1/2 for each false impact; unit:
-    of what speeds are off by.
+    """wall (n,) of each impact, 0 of one that is none of the motion.
+
+    Offset: the time of phase 0, in [0, 1); misfit: mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, 0 for motions of
+    the gear, with 1/2 for each false impact; unit: of what speeds are off by.
     """
 
     wall: Walls
@@ -61,7 +62,7 @@ class Fitting(NamedTuple):
     unit: of what speeds are off by; dwell: how long contacts last, in forcing periods.
     """
 
-    measured: Measured
+    measured: MeasuredImpacts
     gear: AnyGear
     unit: float
     dwell: float
@@ -71,12 +72,18 @@ class Fitting(NamedTuple):
         """The impacts from which phase 0 is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:LISTENED]
-        return self._replace(measured=Measured(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
+        return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
 
 
 def fits(fitting: Fitting) -> list[Fit]:
-    """The walls, and phases 0, with which impacts fit a gear best, the best first: the same times may be those of
-    several motions, such as A and C.
+    """Return the walls, and phases 0, with which impacts fit a gear best, the best first.
+
+    The same times may be those of several motions, such as A and C.
+
+    Returns
+    -------
+    list[Fit]
+        Fits, the best first.
     """
     few = fitting.listened
     rough = []
@@ -124,7 +131,7 @@ def _sharpened(few: Fitting, found: Fit) -> Fit:
 
 
 def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
-    """The offset of least cost within a width of this one."""
+    """Return the offset of least cost within a width of this one."""
     for _ in range(ROUNDS):
         near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
         offset = float(near[np.argmin(_followed(few, near)[0])])
@@ -133,7 +140,7 @@ def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
 
 
 def fit(fitting: Fitting, offset: float) -> Fit:
-    """The walls with which impacts fit a gear best if phase 0 is at this time."""
+    """Return the walls with which impacts fit a gear best if phase 0 is at this time."""
     wall = _followed(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
@@ -147,6 +154,11 @@ def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
 
     It holds the offsets around it whose cost is not higher by more than its own standard error, from the scatter of
     the impacts: where the cost is a parabola these are two standard errors of the offset.
+
+    Returns
+    -------
+    tuple[float, float]
+        Both ends of the interval.
     """
     few, offset = fitting.listened._replace(unit=found.unit), found.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
@@ -198,7 +210,7 @@ def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
 
 @inline
 def _ends(t0, t1, dwell):
-    """The times at which a flight between impacts at t0 and t1 begins and ends, and sine and cosine there."""
+    """Return the times at which a flight between impacts at t0 and t1 begins and ends, and sine and cosine there."""
     a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # a contact that cannot last so long
     b = complex(t1)
     return a, b, analytic_phase(a), analytic_phase(b)
@@ -217,7 +229,7 @@ def _between(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
 
 @inline
 def _square(off):
-    """The cost of what is off by so many units."""
+    """Return the cost of an error of so many units."""
     cost = off * off
     return cost if cost < WORST else WORST  # of what is not finite too
 

@@ -30,17 +30,24 @@ SMALL_DAMPING = 0.25  # below it δ and ε are solved for relative to it, above 
 
 
 def plane_scale(delta: float) -> float:
-    """What differences of δ and ε near this damping are measured by: where it is small motions change with their ratios
-    to it.
+    """Return the scale of differences of δ and ε near this damping.
+
+    Where it is small motions change with their ratios to it.
+
+    Returns
+    -------
+    float
+        The scale, at most 1.
     """
     return min(max(abs(float(delta)) / SMALL_DAMPING, 1e-300), 1.0)
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What is followed: the equations (…, N + 1) → (…, N), a preparation that may rescale them at a point or at points
-    (…, N + 1), around each of which (…, N + 1, N + 1) are asked for then, and the sizes of the unknowns at a point that
-    count as small, 1 or (N + 1,).
+class ContinuationProblem:
+    """Equations (…, N + 1) → (…, N) to follow, with their preparation and the sizes of the unknowns.
+
+    The preparation may rescale them at a point or at points (…, N + 1), around each of which (…, N + 1, N + 1) are
+    asked for then. The sizes at a point that count as small are 1 or (N + 1,).
     """
 
     equations: Function
@@ -49,7 +56,7 @@ class Problem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """The scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
+    """Return the scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
 
@@ -62,7 +69,7 @@ def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
 
 
 def with_row(jacobian: Array, row: Array) -> Array:
-    """The Jacobian (N, N + 1) and a row after it."""
+    """Return the Jacobian (N, N + 1) and a row after it."""
     matrix = np.empty((row.size, row.size))
     matrix[:-1], matrix[-1] = jacobian, row
     return matrix
@@ -70,8 +77,10 @@ def with_row(jacobian: Array, row: Array) -> Array:
 
 @dataclass(frozen=True)
 class Path:
-    """Points (k, N + 1) and unit tangents of a followed curve; `outside` is the first point that was not inside, None
-    where the curve could not be followed on (or was long enough). closed: it came back to its start, the last point.
+    """Points (k, N + 1) and unit tangents of a followed curve.
+
+    `outside` is the first point that was not inside, None where the curve could not be followed on (or was long
+    enough). closed: it came back to its start, the last point.
     """
 
     points: Array
@@ -81,8 +90,9 @@ class Path:
 
 
 class Course(NamedTuple):
-    """Points (k, N + 1) and unit tangents of a curve that was followed both ways from point number `start`; paths: back
-    and on, None if the curve closes.
+    """Points (k, N + 1) and unit tangents of a curve that was followed both ways from point number `start`.
+
+    Paths: back and on, None if the curve closes.
     """
 
     points: Array
@@ -91,7 +101,7 @@ class Course(NamedTuple):
     paths: tuple[Path, Path] | None
 
 
-def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
+def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
     """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
@@ -117,7 +127,15 @@ def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] |
 
 
 def _diverges(i: int, size: Any, last: Any) -> Any:
-    """Whether correction number i, of this size after one of the last, is given up; of one solution or of several."""
+    """Return whether correction number i, of this size after one of the last, is given up.
+
+    Of one solution or of several.
+
+    Returns
+    -------
+    Any
+        True if it is given up.
+    """
     return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
 
 
@@ -126,8 +144,16 @@ def _has_converged(size: Any, last: Any) -> Any:
     return (size < SMALLEST_CORRECTION) | quadratic | ((size < ACCEPTED_CORRECTION) & (size > 0.1 * last))
 
 
-def with_values(problem: Problem, guesses: Array, index: int) -> Array:
-    """The solutions near guesses (k, N + 1) that have their unknown number `index`, all at once; NaN where is none."""
+def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
+    """Return the solutions near guesses (k, N + 1) that have their unknown number `index`, all at once.
+
+    NaN where is none.
+
+    Returns
+    -------
+    Array
+        Solutions (k, N + 1).
+    """
     x, found = guesses.copy(), np.full(guesses.shape, np.nan)
     fixed = np.zeros(x.shape[-1])
     fixed[index] = 1.0
@@ -152,7 +178,7 @@ def with_values(problem: Problem, guesses: Array, index: int) -> Array:
 
 
 def _solved_each(matrix: Array, right: Array) -> Array:
-    """The solutions (k, n) of systems (k, n, n); not a number where one has none."""
+    """Return the solutions (k, n) of systems (k, n, n); NaN where one has none."""
     try:
         return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
     except np.linalg.LinAlgError:
@@ -161,22 +187,28 @@ def _solved_each(matrix: Array, right: Array) -> Array:
         return np.concatenate([_solved_each(*each) for each in zip(matrix[:, None], right[:, None], strict=True)])
 
 
-def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | None:
-    """The solution near x whose unknown number `index` has this value, or None."""
+def with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
+    """Return the solution near x whose unknown number `index` has this value, or None."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
-    found = newton(problem, guess, fixed)
+    found = newton_on_curve(problem, guess, fixed)
     return None if found is None else found[0]
 
 
-def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
-    """The unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
+def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Array:
+    """Return the unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
     return oriented_tangent(problem, x, direction)[0]
 
 
-def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Array, float]:
-    """The tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent: it is one and the same all
-    along a curve, and the other on a neighbour that nearly crosses it.
+def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
+    """Return the tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent.
+
+    It is one and the same all along a curve, and the other on a neighbour that nearly crosses it.
+
+    Returns
+    -------
+    tuple[Array, float]
+        Unit tangent, and the sign.
     """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
@@ -190,9 +222,9 @@ def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Arra
     return unit, float(np.linalg.slogdet(with_row(jacobian, unit))[0])
 
 
-def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:
-    """The solution above this share of the chord from a to b."""
-    found = newton(problem, a + share * (b - a), b - a)
+def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
+    """Return the solution above this share of the chord from a to b."""
+    found = newton_on_curve(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
 
@@ -205,25 +237,33 @@ class Bound:
     high: float
 
     def crossed(self, x: Array) -> float | None:
-        """The limit that x is beyond."""
+        """Return the limit that x is beyond."""
         value = x[self.index]
         return self.low if value < self.low else self.high if value > self.high else None
 
 
-def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[Array], bool]) -> tuple[Array, Array]:
-    """The last solution between a (admissible) and b (which is not) that is admissible, and the first that is not, by
-    bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
+def last_inside(
+    problem: ContinuationProblem, a: Array, b: Array, is_admissible: Callable[[Array], bool]
+) -> tuple[Array, Array]:
+    """Return the last admissible solution between a (admissible) and b (not), and the first that is not.
+
+    By bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
     as b may be a solution of another branch, and are shorter.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The admissible solution and the next one that is not.
     """
     inside, outside, share = a, b, 0.5
     for _ in range(MOST_BISECTIONS):
         if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
         ahead = outside - inside
-        found = newton(problem, inside + share * ahead, b - a)
+        found = newton_on_curve(problem, inside + share * ahead, b - a)
         if found is None:
             tangent = tangent_at(problem, inside, ahead)
-            found = newton(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
+            found = newton_on_curve(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
         if found is None:
             share *= 0.5
         elif is_admissible(found[0]):
@@ -234,31 +274,39 @@ def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[A
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """The longest step along a unit tangent: this one, and so many points over the span of the last unknown."""
+    """Return the longest step along a unit tangent: this one, and so many points over the span of the last unknown."""
     step = (span[1] - span[0]) / resolution
     return lambda tangent: min(longest, step / max(abs(float(tangent[-1])), LEAST_RATE))
 
 
 @dataclass(frozen=True)
 class Follower:
-    """How a problem is followed: between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)`
-    in the unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
+    """Rules by which a problem is followed: bounds, admissibility and the longest step.
+
+    It is followed between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)` in the
+    unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
     """
 
-    problem: Problem
+    problem: ContinuationProblem
     bounds: Sequence[Bound]
     is_admissible: Callable[[Array], bool]
     longest: Callable[[Array], float]
     twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def inside(self, x: Array) -> bool:
-        """Whether x is a point of the curve that is asked for."""
+        """Return whether x is a point of the curve that is asked for."""
         return all(bound.crossed(x) is None for bound in self.bounds) and self.is_admissible(x)
 
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
-        """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more: the last
-        point is that edge, to rounding; or until it closes. The first step is at most `first`, if given: curves cross
-        at the start.
+        """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more.
+
+        The last point is that edge, to rounding; or until it closes. The first step is at most `first`, if given:
+        curves cross at the start.
+
+        Returns
+        -------
+        Path
+            Points of the curve, and why it ends.
         """
         points, tangents = [start], [tangent]
         sign = oriented_tangent(self.problem, start, tangent)[1] if first == np.inf else None
@@ -267,7 +315,7 @@ class Follower:
         while len(points) < most and step >= shortest:
             x, direction = points[-1], tangents[-1]
             step = min(step, self.longest(direction))
-            found = newton(self.problem, x + step * direction, direction)
+            found = newton_on_curve(self.problem, x + step * direction, direction)
             if found is None or np.linalg.norm(found[0] - x) > 2.0 * step:
                 step *= 0.4
                 continue
@@ -308,18 +356,18 @@ class Follower:
         return Course(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
-        """The start, as a curve that comes back to it between a and b would write it, or None."""
+        """Return the start as a curve that comes back to it between a and b would write it, or None."""
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
             if 0.0 < share <= 1.0 and np.max(np.abs(twin - a - share * chord)) < LARGEST_TURN * np.max(np.abs(chord)):
-                found = between(self.problem, a, b, share)
+                found = solution_above_chord(self.problem, a, b, share)
                 if found is not None and np.max(np.abs(found - twin)) < SAME_SOLUTION:
                     return found
         return None
 
     def _edge(self, a: Array, b: Array) -> Array:
-        """The last point inside between a (inside) and b (not)."""
+        """Return the last point inside between a (inside) and b (not)."""
         for bound in self.bounds:
             limit = bound.crossed(b)
             if limit is not None:
@@ -330,14 +378,20 @@ class Follower:
 
 
 def root_between(
-    problem: Problem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
+    problem: ContinuationProblem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
-    """The solution between a and b at which a test function that changes sign there vanishes, to this share of the
-    way; or None.
+    """Return the solution between a and b at which a test function vanishes, or None.
+
+    The function changes sign there; to this share of the way.
+
+    Returns
+    -------
+    Array | None
+        The solution, or None.
     """
 
     def value(share: float) -> float:
-        x = between(problem, a, b, share)
+        x = solution_above_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError
         return test(x)
@@ -351,4 +405,4 @@ def root_between(
         share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except ArithmeticError:  # lost between
         return None
-    return between(problem, a, b, float(share))
+    return solution_above_chord(problem, a, b, float(share))

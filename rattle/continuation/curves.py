@@ -1,5 +1,6 @@
-"""A bifurcation curve in the (δ, ε) plane: its points in order, its pieces, and where and why each of them ends; how it
-is followed through a window of the plane, both ways from a solution.
+"""A bifurcation curve in the (δ, ε) plane: its points in order, its pieces, and where and why each of them ends.
+
+How it is followed through a window of the plane, both ways from a solution.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import (
     CLOSED,
     Bound,
+    ContinuationProblem,
     Follower,
     Path,
-    Problem,
     plane_scale,
     root_between,
     tangent_at,
@@ -45,14 +46,14 @@ class End:
     reason: str
 
 
-class Piece(NamedTuple):
+class CurvePiece(NamedTuple):
     """A connected piece as it was followed: unknowns (k, N) with δ, ε last, and why each end is one."""
 
     points: Array
     reasons: tuple[str, str]
 
 
-class Described(NamedTuple):
+class CurveDescription(NamedTuple):
     """The motion at a point of a curve."""
 
     tau: float
@@ -81,11 +82,11 @@ class Curve(Tabular):
     piece: NDArray[np.int64]
     folds: tuple[int, ...]
     ends: tuple[End, ...]
-    _problem: Problem = field(repr=False)
+    _problem: ContinuationProblem = field(repr=False)
     _points: tuple[Array, ...] = field(repr=False)
 
     def __len__(self) -> int:
-        """Number of points."""
+        """Return the number of points."""
         return self.delta.size
 
     def _caption(self) -> str:
@@ -105,9 +106,21 @@ class Curve(Tabular):
         }
 
     def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
-        """Every ε of the curve at this damping, or every δ at this eccentricity: rising, each solved for to rounding.
+        """Return every ε of the curve at this damping, or every δ at this eccentricity.
 
-        Empty where it has none. Raises ParameterError unless one of the two is given.
+        Rising, each solved for to rounding.
+
+        Empty where it has none.
+
+        Returns
+        -------
+        tuple[float, ...]
+            The other parameter, rising.
+
+        Raises
+        ------
+        ParameterError
+            Unless one of the two is given.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
         require(len(given) == 1, "give delta or epsilon, not both")
@@ -117,8 +130,8 @@ class Curve(Tabular):
         return tuple(sorted({float(x[-3 - index]) for each in found for x in each}))
 
 
-def crossings(problem: Problem, points: Array, index: int, value: float) -> list[Array]:
-    """The solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
+def crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
+    """Return the solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
     found: list[Array] = []
     for guess in _between(points, index, value):
         x = with_value(problem, guess, index, value)
@@ -131,7 +144,7 @@ def crossings(problem: Problem, points: Array, index: int, value: float) -> list
 
 
 def _between(points: Array, index: int, value: float) -> Array:
-    """Where the chords of a followed piece (k, N) have this δ (index −2) or ε (−1): (any, N)."""
+    """Return the points (any, N) where the chords of a followed piece (k, N) have this δ (index −2) or ε (−1)."""
     d = points[:, index] - value
     i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
     rise = d[i + 1] - d[i]
@@ -142,9 +155,13 @@ def _between(points: Array, index: int, value: float) -> Array:
 
 
 def build(
-    name: str, beta: float, problem: Problem, pieces: Sequence[Piece], described: Sequence[Sequence[Described]]
+    name: str,
+    beta: float,
+    problem: ContinuationProblem,
+    pieces: Sequence[CurvePiece],
+    described: Sequence[Sequence[CurveDescription]],
 ) -> Curve:
-    """A curve of followed pieces, with what is known of the motion at each point."""
+    """Return a curve of followed pieces, with what is known of the motion at each point."""
     motions = [motion for piece in described for motion in piece]
     sizes = [len(piece.points) for piece in pieces]
     starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
@@ -183,7 +200,7 @@ def _folds(delta: Array) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Window:
+class PlaneWindow:
     """A rectangle of the plane: (low, high) of δ and of ε, and the least number of points of a curve across it."""
 
     delta: tuple[float, float]
@@ -192,30 +209,41 @@ class Window:
 
     @property
     def bounds(self) -> tuple[Bound, Bound]:
-        """Of the last two unknowns."""
+        """Bounds of the last two unknowns."""
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
     def left(self, x: Array) -> str | None:
-        """Which side of the window a point is beyond: None if it is inside."""
+        """Return the side of the window that a point is beyond: None if it is inside."""
         limits = zip(("delta", "epsilon"), (bound.crossed(x) for bound in self.bounds), strict=True)
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
     def step(self, tangent: Array) -> float:
-        """The longest step along a unit tangent."""
+        """Return the longest step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
         return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
 
 
 def pieces(
-    problem: Problem, starts: Iterable[Array], window: Window, left: Test, times: int | None = None
-) -> list[Piece]:
-    """The pieces inside the window through solutions near the starts; a start on a piece already followed adds none.
+    problem: ContinuationProblem, starts: Iterable[Array], window: PlaneWindow, left: Test, times: int | None = None
+) -> list[CurvePiece]:
+    """Return the pieces inside the window through solutions near the starts.
 
-    left: why a solution in the window is not on the curve (its motion does not happen), None if it is. times: how many
-    unknowns are times, by default all but δ and ε.
+    A start on a piece already followed adds none.
+
+    Parameters
+    ----------
+    left : Test
+        Why a solution in the window is not on the curve (its motion does not happen), None if it is.
+    times : int | None
+        How many unknowns are times, by default all but δ and ε.
+
+    Returns
+    -------
+    list[Piece]
+        The pieces.
     """
-    found: list[Piece] = []
+    found: list[CurvePiece] = []
     twins = partial(_periods_later, times)
     follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, twins)
     guesses = [*starts]
@@ -234,14 +262,14 @@ def pieces(
 
 
 def _periods_later(times: int | None, start: Array, x: Array) -> Array:
-    """The same motion some forcing periods earlier or later, near x."""
+    """Return the same motion some forcing periods earlier or later, near x."""
     twin = start.copy()
     twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
     return twin[None]
 
 
-def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDArray[np.bool_]:
-    """Which of several solutions (k, N) are on a piece already, some forcing periods earlier or later perhaps."""
+def _on(problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None) -> NDArray[np.bool_]:
+    """Return flags of solutions (k, N) that are on a piece already, some forcing periods earlier or later perhaps."""
     on = np.zeros(len(solved), bool)
     guesses = [_between(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
@@ -251,20 +279,20 @@ def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDA
     return on
 
 
-def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
-    """The whole piece through a solution, its folds among the points, the end of smaller δ first."""
+def _both_ways(follower: Follower, x: Array, why: Test) -> CurvePiece:
+    """Return the whole piece through a solution, its folds among the points, the end of smaller δ first."""
     followed = follower.both_ways(x, -2)
     points = _with_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
-        return Piece(points, (CLOSED, CLOSED))
+        return CurvePiece(points, (CLOSED, CLOSED))
     reasons = _reason(followed.paths[0], why), _reason(followed.paths[1], why)
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
-        return Piece(points[::-1], (reasons[1], reasons[0]))
-    return Piece(points, reasons)
+        return CurvePiece(points[::-1], (reasons[1], reasons[0]))
+    return CurvePiece(points, reasons)
 
 
-def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
-    """The points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
+def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
+    """Return the points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
@@ -276,7 +304,7 @@ def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
     return points
 
 
-def _rate(problem: Problem, direction: Array, index: int, x: Array) -> float:
+def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
     """Rate of δ (index −2) or ε (−1) along the curve at a solution."""
     return float(tangent_at(problem, x, direction)[index])
 
@@ -290,35 +318,37 @@ def _reason(path: Path, why: Test) -> str:
 def traced(
     name: str,
     beta: float,
-    problem: Problem,
+    problem: ContinuationProblem,
     starts: Iterable[Array],
-    window: Window,
+    window: PlaneWindow,
     left: Test,
-    describe: Callable[[Array], Described],
+    describe: Callable[[Array], CurveDescription],
     named: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
-    """The curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
+    """Return the curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
     found = [
-        Piece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
+        CurvePiece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
         for piece in pieces(problem, starts, window, left, times)
     ]
     return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
 
 
 def spread_between(low: float, high: float) -> Array:
+    """Return evenly spaced numbers between two, without the ends."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
 def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
+    """Return a checked pair (low, high) of a window."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
     return low, high
 
 
-def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], window: Window) -> Curve:
-    """The quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
+def limit_of_contact(beta: float, problem: ContinuationProblem, guesses: Iterable[Array], window: PlaneWindow) -> Curve:
+    """Return the quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
     nothing = np.full(2, complex(np.nan, np.nan))
     return traced(
         QUIET_LIMIT,
@@ -327,6 +357,6 @@ def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], wi
         guesses,
         window,
         lambda _: None,
-        lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda x: CurveDescription(float(x[0] - np.floor(x[0])), 0.0, nothing),
         lambda _, reason: reason,
     )

@@ -1,5 +1,6 @@
-"""One-parameter bifurcation diagrams along any segment of parameters, of either model: branches, their events, and the
-attractors that sweeps forward and backward see (paper, Figures 5 and 9).
+"""One-parameter bifurcation diagrams along any segment of parameters, of either model.
+
+Branches, their events, and the attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 
     branches = A to D, and what they lead to at flips and grazes
     table = the attractors of a sample at every step
@@ -11,7 +12,7 @@ attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -24,7 +25,7 @@ from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
-from rattle.continuation.sweeps import Known, Points, Sweeps
+from rattle.continuation.sweeps import KnownAttractor, SweepPoints, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.flight.law import wrapped
 from rattle.notebook import (
@@ -35,7 +36,7 @@ from rattle.notebook import (
     dataset_of,
     figure_of,
 )
-from rattle.notebook import motion as label_of
+from rattle.notebook import motion_label as label_of
 from rattle.parameters import Parameters
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane
@@ -50,7 +51,7 @@ Array = NDArray[np.float64]
 
 
 class HasParameters(Protocol):
-    """What is somewhere along a segment."""
+    """Object at a parameter point on a segment."""
 
     @property
     def parameters(self) -> Array:
@@ -58,7 +59,7 @@ class HasParameters(Protocol):
 
 
 class IsEvent(HasParameters, Protocol):
-    """What happens somewhere along a segment."""
+    """Event at a parameter point on a segment."""
 
     @property
     def kind(self) -> Any:
@@ -70,10 +71,10 @@ class HasEvents(HasParameters, Protocol):
 
     @property
     def events(self) -> tuple[Any, ...]:
-        """What happens on it."""
+        """Events on it."""
 
     def curve_of(self, event: Any) -> str | None:
-        """The name of the curve of the plane that one of them is on."""
+        """Return the name of the curve of the plane that one of them is on."""
 
 
 AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
@@ -81,7 +82,7 @@ AnyEvent = TypeVar("AnyEvent", bound=IsEvent)
 
 
 @dataclass(frozen=True)
-class Piece:
+class BranchPiece:
     """A stable part of branch number `branch`, between positions low and high."""
 
     branch: int
@@ -93,12 +94,12 @@ class Piece:
 class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta (dimensionless).
 
-    segment: its ends, δ and ε first. position, delta, epsilon, kappa (n,): the steps, position as the fraction of the
-    way, stiffness infinite in the impacting model. branches: A to D and all other P(m, n₊, n₋) that were found, each
-    once, with stable and admissible parts flagged; events: all that happen on them, each once. points: the attractors
-    followed forward and backward. sampled: what a sample of initial conditions finds at each step, quiet motion too
-    (cell is the step). small: stable parts that no sample found, for their basins are small or they fit between two
-    steps. left_out: labels met but not followed as branches, beyond the limits.
+    segment: its ends, δ and ε first. position, delta, epsilon (n,): the steps, position as the fraction of the way;
+    added: the other parameters (n,) of the model, by name. branches: A to D and all other P(m, n₊, n₋) that were
+    found, each once, with stable and admissible parts flagged; events: all that happen on them, each once. points:
+    the attractors followed forward and backward. sampled: what a sample of initial conditions finds at each step,
+    quiet motion too (cell is the step). small: stable parts that no sample found, for their basins are small or they
+    fit between two steps. left_out: labels met but not followed as branches, beyond the limits.
     """
 
     segment: Segment
@@ -106,12 +107,12 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     position: Array
     delta: Array
     epsilon: Array
-    kappa: Array
+    added: Mapping[str, Array]
     branches: tuple[AnyBranch, ...]
     events: tuple[AnyEvent, ...]
-    points: Points
+    points: SweepPoints
     sampled: AttractorTable
-    small: tuple[Piece, ...]
+    small: tuple[BranchPiece, ...]
     left_out: tuple[tuple[int, int, int], ...]
 
     def _caption(self) -> str:
@@ -135,20 +136,42 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     def plot(self) -> Figure:
         """Draw speed and phase of the impacts on Σ⁺ against the parameter, as the paper's Figures 5 and 9.
 
-        Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
+        Returns a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+            A matplotlib figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
         """
         return figure_of(self, "diagram_figure")
 
     def to_xarray(self) -> Dataset:
-        """The impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps; a branch has
-        its own `to_xarray`. Raises MissingExtraError without xarray.
+        """Return the impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps.
+
+        A branch has its own `to_xarray`.
+
+        Returns
+        -------
+        Dataset
+            The data set.
+
+        Raises
+        ------
+        MissingExtraError
+            Without xarray.
         """
         points = {name: ("impact", values) for name, values in self.points._asdict().items()}
-        steps = {name: ("number", getattr(self, name)) for name in ("delta", "epsilon", "kappa")}
+        values = {"delta": self.delta, "epsilon": self.epsilon, **self.added}
+        steps = {name: ("number", each) for name, each in values.items()}
         return dataset_of(points, {**steps, "beta": self.beta}, {"kinds": list(KINDS)})
 
     def curve_of(self, event: AnyEvent) -> str | None:
-        """The name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""
+        """Return the name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""
         on = (branch for branch in self.branches if any(each is event for each in branch.events))
         return next((branch.curve_of(event) for branch in on), None)
 
@@ -163,14 +186,14 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         return float(self.segment.end[0]), float(self.segment.end[1])
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
-        """Where the points of a branch (k,), or an event (), are on the way from start to end."""
+        """Return the positions of a branch's points (k,), or an event's (), on the way from start to end."""
         return self.segment.position(of.parameters)
 
 
 def diagram_of(
     model: Motions, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
 ) -> Diagram[Any, Any]:
-    """The diagram of a model along its segment; the other arguments as those of `diagram`."""
+    """Return the diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment
     length = float(np.linalg.norm(segment.direction))
     least = LEAST_LENGTH * plane_scale(segment.start[0])
@@ -185,7 +208,7 @@ def diagram_of(
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):
         search.add(motion)
-    small: list[Piece] = []
+    small: list[BranchPiece] = []
     for _ in range(ROUNDS):
         sweeps.run()
         for motion in _seen(sweeps, parameters, search, unit):
@@ -195,14 +218,14 @@ def diagram_of(
             break
     branches = [found for found in search.branches if found.admissible.any()]
     number = {id(found): i for i, found in enumerate(branches)}
-    small = [Piece(number[id(search.branches[at.branch])], at.low, at.high) for at in small]
+    small = [BranchPiece(number[id(search.branches[at.branch])], at.low, at.high) for at in small]
     return Diagram(
         segment,
         beta,
         position,
         parameters.delta,
         parameters.epsilon,
-        parameters.added.get("kappa", np.full(position.size, np.inf)),
+        parameters.added,
         tuple(branches),
         tuple(sorted(search.events, key=lambda event: float(segment.position(event.parameters)))),
         sweeps.points(position, CHAOTIC_POINTS),
@@ -213,7 +236,7 @@ def diagram_of(
 
 
 def _motion_at(event: Any) -> str:
-    """The label of the motion that an event is of."""
+    """Return the label of the motion that an event is of."""
     return label_of(*event.itinerary.label)
 
 
@@ -225,9 +248,9 @@ def require_end(name: str, value: ArrayLike) -> Array:
 
 def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
     """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
-    last: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
+    last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
-        now: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
+        now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
         for known in here:
             if known.kind != Outcome.PERIODIC:
                 continue
@@ -245,13 +268,19 @@ def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -
         last = now
 
 
-def _close(one: Known, other: Known, unit: float) -> bool:
+def _close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
     return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
-def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[Piece], bool]:
-    """The stable parts of branches that no sample found, and whether the sweeps missed one of their motions at a step;
-    they know it from here on.
+def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
+    """Return the stable parts of branches that no sample found, and whether the sweeps missed one of their motions.
+
+    They know it from here on.
+
+    Returns
+    -------
+    tuple[list[Piece], bool]
+        The parts, and whether a sweep missed one at a step.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):
@@ -267,7 +296,9 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
                 there = orbit.departures[upper], orbit.speeds[upper]
                 match = _nearest(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
-                    sweeps.known[step].append(Known(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False))
+                    sweeps.known[step].append(
+                        KnownAttractor(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False)
+                    )
                     new = True
             sampled |= match is not None and match.sampled
         if not sampled:
@@ -275,7 +306,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
     return small, new
 
 
-def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDArray[np.int64], Array, Array]]:
+def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
     """Stable parts of branches with the steps inside, and about where their impacts on Σ⁺ are there (steps, n_plus)."""
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
@@ -288,13 +319,13 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDA
                 np.array([np.interp(position[inside], at[run][order], x[order, j]) for j in upper]).T
                 for x in (np.unwrap(found.departures[run], period=1.0, axis=0), found.speeds[run])
             )
-            yield Piece(i, float(low), float(high)), inside, tau, v
+            yield BranchPiece(i, float(low), float(high)), inside, tau, v
 
 
 def _nearest(
-    known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
-) -> Known | None:
-    """The attractor with this label that has a state so near to one of the impacts (n_plus,), speeds in their unit."""
+    known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
+) -> KnownAttractor | None:
+    """Return the attractor with this label that has a state near one of the impacts (n_plus,), speeds in their unit."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:

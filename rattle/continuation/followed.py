@@ -1,4 +1,4 @@
-"""What a branch of either gear says of itself, and what it gives to pandas and xarray."""
+"""Describe a branch of either gear in words, and convert it to pandas and xarray."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rattle.notebook import (
     figure_of,
     html_of,
     line_of,
-    motion,
+    motion_label,
 )
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Equations
 
 
 @dataclass(frozen=True, repr=False)
-class Followed(ABC):
+class FollowedBranch(ABC):
     """A branch of motions of one itinerary along a line of parameters, k points in order, n impacts or contacts each.
 
     unknowns (k, N): of each motion, its parameters last, δ and ε first among these. speeds (k, n): with which it leaves
@@ -47,7 +47,7 @@ class Followed(ABC):
     ends: tuple[str, str]
 
     def __len__(self) -> int:
-        """Number of points."""
+        """Return the number of points."""
         return len(self.unknowns)
 
     @property
@@ -57,8 +57,8 @@ class Followed(ABC):
 
     @property
     @abstractmethod
-    def kappa(self) -> Array:
-        """Stiffness (k,)."""
+    def added(self) -> dict[str, Array]:
+        """The other parameters (k,) of the model, by name."""
 
     @property
     def walls(self) -> tuple[int, ...]:
@@ -82,7 +82,7 @@ class Followed(ABC):
 
     @property
     def parameters(self) -> Array:
-        """The parameters (k, 2) or (k, 3) that change along branches of the model: δ, ε, then κ^(−1/2)/√2."""
+        """The parameters (k, 2) or more that change along branches of the model, δ and ε first."""
         return self.unknowns[:, self.itinerary.n :]
 
     @property
@@ -111,13 +111,15 @@ class Followed(ABC):
 
     def _caption(self) -> str:
         events = ", ".join(f"{each.kind}{'' if each.admissible else ' (virtual)'}" for each in self.events) or "none"
-        return f"branch of {motion(*self.label)}, {len(self)} points; events: {events}; ends: {', '.join(self.ends)}"
+        return (
+            f"branch of {motion_label(*self.label)}, {len(self)} points; events: {events}; ends: {', '.join(self.ends)}"
+        )
 
     def _columns(self) -> Columns:
         return {
             "delta": self.delta,
             "epsilon": self.epsilon,
-            "kappa": self.kappa,
+            **self.added,
             "tau": self.tau,
             "v": self.v,
             "multiplier_1": self.multipliers[0],
@@ -127,6 +129,7 @@ class Followed(ABC):
         }
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -135,17 +138,34 @@ class Followed(ABC):
     def plot(self) -> Figure:
         """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
 
-        Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
+        Returns a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+            A matplotlib figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
         """
         return figure_of(self, "branch_figure")
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each point. Raises MissingExtraError without pandas."""
+        """Return a row for each point. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
-        """Dimensions point, multiplier and impact: parameters, multipliers, and the times and speeds with which the
-        motions leave the walls. Raises MissingExtraError without xarray.
+        """Return the branch along the dimensions point, multiplier and impact.
+
+        Parameters, multipliers, and the times and speeds with which the motions leave the walls. Raises
+        MissingExtraError without xarray.
+
+        Returns
+        -------
+        Dataset
+            The data set.
         """
         each = {name: ("point", values) for name, values in self._columns().items() if "multiplier" not in name}
         return dataset_of(
@@ -160,17 +180,17 @@ class Followed(ABC):
                 "speed": (("point", "impact"), self.speeds),
             },
             {
-                **{name: each[name] for name in ("delta", "epsilon", "kappa")},
+                **{name: each[name] for name in ("delta", "epsilon", *self.added)},
                 "number": [1, 2],
                 "wall": ("impact", np.array(self.itinerary.walls)),
                 "beta": self.itinerary.beta,
             },
-            {"motion": motion(*self.label), "ends": list(self.ends)},
+            {"motion": motion_label(*self.label), "ends": list(self.ends)},
         )
 
 
 def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
-    """The flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch there."""
+    """Return the flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch."""
     n, impacts = itinerary.n, len(itinerary.walls)
     each = x[:n].reshape(-1, impacts)
     later = each.copy()

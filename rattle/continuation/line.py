@@ -29,18 +29,18 @@ class ParameterLine:
     resolution: int
 
     def plane(self, y: Array) -> Array:
-        """The unknowns (n + 2,) at y = (times, p)."""
+        """Return the unknowns (n + 2,) at y = (times, p)."""
         return np.concatenate([y[:-1], self.origin + y[-1] * self.direction])
 
     def across(self, n: int) -> Array:
-        """The constraint (n + 2,) that keeps a solution on the line."""
+        """Return the constraint (n + 2,) that keeps a solution on the line."""
         return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
 
 
 def line_through(
     delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
 ) -> ParameterLine:
-    """The line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
+    """Return the line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
     origin = np.array([delta, epsilon])
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
     if isinstance(parameter, str):

@@ -1,4 +1,4 @@
-"""What a bifurcation diagram asks of a model along a segment of its parameters."""
+"""Interface between a bifurcation diagram and a model along a segment of its parameters."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rattle.attractors.classify import Classifier
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, of_samples
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
 from rattle.parameters import Parameters
@@ -40,7 +40,7 @@ class Segment:
         return np.asarray(found, np.float64)
 
     def position(self, parameters: Array) -> Array:
-        """Where points (…, d) of the segment are (…)."""
+        """Return the positions (…) of points (…, d) on the segment."""
         rate = self.direction
         return np.asarray(np.sum((parameters - self.start) * rate, axis=-1) / (rate @ rate), np.float64)
 
@@ -59,7 +59,7 @@ class Motions(ABC):
 
     @abstractmethod
     def steps(self, position: Array) -> Parameters:
-        """The steps at these positions (n,)."""
+        """Return the steps at these positions (n,)."""
 
     def sampled(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
         """Return the attractors that a sample finds, cell i at step i."""
@@ -79,31 +79,31 @@ class Motions(ABC):
 
     @abstractmethod
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """The periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
+        """Return the periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
 
     @abstractmethod
-    def problem(self, itinerary: Any) -> Problem:
-        """The equations of motions with an itinerary; y = (unknowns (n,), position)."""
+    def problem(self, itinerary: Any) -> ContinuationProblem:
+        """Return the equations of motions with an itinerary; y = (unknowns (n,), position)."""
 
     @abstractmethod
     def solved(self, itinerary: Any, y: Array) -> Periodic | None:
-        """The motion at this position whose unknowns are near those of y."""
+        """Return the motion at this position whose unknowns are near those of y."""
 
     @abstractmethod
     def through(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """The branch through a motion, over these positions less its own."""
+        """Return the branch through a motion, over these positions less its own."""
 
     @abstractmethod
     def doubled(self, event: Any, span: tuple[float, float]) -> Any:
-        """The branch of motions of twice the period from a flip on, over these positions less its own."""
+        """Return the branch of motions of twice the period from a flip on, over these positions less its own."""
 
     @abstractmethod
     def events(self, found: Any) -> tuple[Any, ...]:
-        """All that happens on a branch."""
+        """Return all that happens on a branch."""
 
     @abstractmethod
     def beside(self, event: Any) -> Iterator[Motion]:
-        """The motions, of any itinerary, whose branches pass an event."""
+        """Return the motions, of any itinerary, whose branches pass an event."""
 
 
 def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:

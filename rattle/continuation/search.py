@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rattle.continuation.arclength import LARGEST_TURN, between, plane_scale
+from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solution_above_chord
 from rattle.continuation.conditions import Kind
 from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
@@ -21,8 +21,8 @@ SAME_MOTION = 1e-7  # in the unknowns
 SAME_PLACE = 1e-8  # of a segment, of the scale of the plane
 
 
-def turned(motion: Motion, first: int) -> Motion:
-    """The same motion, begun at impact number `first`, whose time is then in [0, 1)."""
+def begun_at_impact(motion: Motion, first: int) -> Motion:
+    """Return the same motion, begun at impact number `first`, whose time is then in [0, 1)."""
     itinerary, x = motion
     x = begun_at(itinerary, x, first)
     x[: len(itinerary.walls)] -= np.floor(x[0])
@@ -30,7 +30,7 @@ def turned(motion: Motion, first: int) -> Motion:
 
 
 def same_motion(one: Motion, other: Motion) -> bool:
-    """Whether two solutions are one motion at one point, whichever impacts they begin at."""
+    """Return whether two solutions are one motion at one point, whichever impacts they begin at."""
     (a, x), (b, y) = one, other
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
@@ -39,10 +39,10 @@ def same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """The ways to write a motion with the walls of `like`, begun near this time."""
+    """Yield the ways to write a motion with the walls of `like`, begun near this time."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
-        itinerary, x = turned(motion, first)
+        itinerary, x = begun_at_impact(motion, first)
         if itinerary.walls == like.walls:
             x[:impacts] += np.rint(phase - x[0])
             yield x
@@ -62,7 +62,7 @@ class Search:
         self._order = count()
 
     def add(self, motion: Motion) -> None:
-        """The branch through a motion, and all that it leads to."""
+        """Add the branch through a motion, and all that it leads to."""
         self._follow(motion)
         while self._queue:
             _, _, event = heapq.heappop(self._queue)
@@ -72,11 +72,11 @@ class Search:
                 self._double(event)
 
     def index(self, motion: Motion) -> int | None:
-        """The number of the branch that a motion is on."""
+        """Return the number of the branch that a motion is on."""
         return next((i for i in range(len(self.branches)) if self._lies_on(i, motion)), None)
 
     def stable_orbit(self, i: int, position: float) -> Periodic | None:
-        """The stable motion of branch number i at a position."""
+        """Return the stable motion of branch number i at a position."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):
@@ -103,7 +103,7 @@ class Search:
             off = np.max(np.abs(y - a - share[:, None] * chord), axis=1)
             largest = np.maximum(LARGEST_TURN * np.max(np.abs(chord), axis=1), SAME_MOTION)
             for k in np.flatnonzero((share > -0.01) & (share < 1.01) & (off < largest)):
-                found = between(problem, a[k], a[k] + chord[k], float(share[k]))
+                found = solution_above_chord(problem, a[k], a[k] + chord[k], float(share[k]))
                 if found is not None and np.max(np.abs(found - y[k])) < SAME_MOTION:
                     return True
         return False
@@ -121,7 +121,7 @@ class Search:
     def _follow(self, motion: Motion) -> None:
         if 1 not in motion[0].walls:  # never on Σ⁺: Π does not see it
             return
-        itinerary, x = turned(motion, motion[0].walls.index(1))
+        itinerary, x = begun_at_impact(motion, motion[0].walls.index(1))
         if self.index((itinerary, x)) is None and self._allowed(itinerary):
             self._keep(self.model.through((itinerary, x), self._span(x[itinerary.n :])))
 

@@ -31,9 +31,10 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class Known:
-    """An attractor at one step: kind (index of KINDS), label, a state on it; the directions in which it was followed,
-    and whether the sample of that step found it.
+class KnownAttractor:
+    """An attractor at one step: kind (index of KINDS), label, a state on it.
+
+    The directions in which it was followed, and whether the sample of that step found it.
     """
 
     kind: int
@@ -55,7 +56,7 @@ class Visit(NamedTuple):
     v: float
 
 
-class Points(NamedTuple):
+class SweepPoints(NamedTuple):
     """Impacts on Σ⁺ of the attractors that were followed, arrays (n,) in the order of the steps.
 
     step; position along the line; tau, v; kind (index of KINDS); m, n_plus, n_minus (0 unless periodic); forward: in
@@ -75,18 +76,20 @@ class Points(NamedTuple):
 
 @dataclass
 class _Run:
-    """A motion that is followed in one direction: the step that it is to arrive at, from a state of the one before, or
-    where it begins, from an attractor there. trail: what it was on, by step; back: the trail that it goes back on.
-    stops_at_known: it stops where anything was before.
+    """A motion that is followed in one direction.
+
+    The step that it is to arrive at, from a state of the one before, or where it begins, from an attractor there.
+    trail: what it was on, by step; back: the trail that it goes back on. stops_at_known: it stops where anything was
+    before.
     """
 
     direction: int
     step: int
     tau: float
     v: float
-    back: dict[int, Known]
+    back: dict[int, KnownAttractor]
     stops_at_known: bool
-    trail: dict[int, Known] = field(default_factory=dict)
+    trail: dict[int, KnownAttractor] = field(default_factory=dict)
 
 
 class Sweeps:
@@ -94,12 +97,12 @@ class Sweeps:
 
     def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
-        self.known: list[list[Known]] = [[] for _ in range(steps.size)]
+        self.known: list[list[KnownAttractor]] = [[] for _ in range(steps.size)]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
         for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
             state, sampled = (float(table.tau[i]), float(table.v[i])), bool(table.samples[i])
-            known = Known(int(table.kind[i]), table.label(i), *state, sampled=sampled)
+            known = KnownAttractor(int(table.kind[i]), table.label(i), *state, sampled=sampled)
             self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
@@ -120,10 +123,10 @@ class Sweeps:
 
     def _begin(
         self,
-        known: Known | None,
+        known: KnownAttractor | None,
         direction: int,
         step: int,
-        back: dict[int, Known] | None = None,
+        back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
         if known is not None and not known.reached[direction]:
@@ -138,7 +141,7 @@ class Sweeps:
             self._advance(list(now.values()))
 
     def _advance(self, runs: list[_Run]) -> None:
-        """Where the states of these runs lead at their steps."""
+        """Move the states of these runs on, to where they lead at their steps."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
@@ -171,7 +174,7 @@ class Sweeps:
         if kind == Outcome.PERIODIC:
             end = float(table.tau[row]), float(table.v[row])
         if not same:
-            same = [Known(kind, label, *end, sampled=False)]
+            same = [KnownAttractor(kind, label, *end, sampled=False)]
             here += same
         for known in same:
             known.reached[run.direction] = True
@@ -182,8 +185,8 @@ class Sweeps:
         if not 0 <= run.step < len(self.known):
             self._runs.remove(run)
 
-    def points(self, position: Array, chaotic: int) -> Points:
-        """All impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
+    def points(self, position: Array, chaotic: int) -> SweepPoints:
+        """Return all impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
         visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
         step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
@@ -192,7 +195,7 @@ class Sweeps:
         owner, tau, v = self._impacts(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
-        return Points(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
+        return SweepPoints(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
     def _impacts(
         self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters

@@ -1,18 +1,18 @@
 """One motion, one number over the plane: the attractors of a grid of cells, joined between neighbours."""
 
 from rattle.families.join import in_order, joined, together
-from rattle.families.pieces import Piece, connected, entering, no_attractors
+from rattle.families.pieces import GridPiece, connected, entering, no_attractors
 from rattle.families.spread import Rectangle
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, added, numbers_of, sums_of
-from rattle.families.table import tabulated
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, add_sums, numbers_of, sums_of
+from rattle.families.table import tabulate_families
 
 __all__ = [
     "NO_FAMILY",
     "QUIET_FAMILY",
-    "Piece",
+    "GridPiece",
     "Rectangle",
     "Sums",
-    "added",
+    "add_sums",
     "connected",
     "entering",
     "in_order",
@@ -20,6 +20,6 @@ __all__ = [
     "no_attractors",
     "numbers_of",
     "sums_of",
-    "tabulated",
+    "tabulate_families",
     "together",
 ]

@@ -1,4 +1,4 @@
-"""Which chaotic attractors of neighbouring cells are one: their footprints overlap."""
+"""Decide when chaotic attractors of neighbouring cells are one: their visited-cell bitmaps overlap."""
 
 from typing import Any
 
@@ -31,9 +31,14 @@ def overlapping(one, other, prints, overlap):
 def overlaps(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], shape: tuple[int, int], cells: Any
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs, twice (pairs,), of chaotic attractors that overlap in cells side by side.
+    """Return pairs, twice (pairs,), of chaotic attractors that overlap in cells side by side.
 
     cell (k,) in order, tau, v: a point of each; shape: rows and columns of the grid.
+
+    Returns
+    -------
+    tuple[NDArray[np.int64], NDArray[np.int64]]
+        First and second of each pair.
     """
     prints = np.zeros((cell.size, GRID), np.uint64)
     states = begun(cell, tau, v, 0)

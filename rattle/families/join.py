@@ -15,7 +15,7 @@ from rattle.errors import real_array, require, require_number
 from rattle.families.footprints import overlaps
 from rattle.families.spread import NOWHERE, OF_ORBIT, Linked, Rectangle, lead, spread
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
-from rattle.families.table import Families, tabulated
+from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
 AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
@@ -23,7 +23,7 @@ STEPS = 64  # from a cell to the next, of an orbit that leads to another and is 
 
 
 def axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """One axis of a grid; raises ParameterError unless its values rise or fall."""
+    """Return one axis of a grid; raises ParameterError unless its values rise or fall."""
     array = real_array(name, values)
     require(array.ndim == 1 and array.size > 0, f"{name} must be the values of an axis, got shape {array.shape}")
     steps = np.diff(array)
@@ -49,17 +49,31 @@ def families_over(
 def joined(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: AttractorTable, cells: Any
 ) -> Families:
-    """The families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each, row by row of
-    the grid; cells: as kernels take them.
+    """Return the families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
+
+    Row by row of the grid; cells: as kernels take them.
+
+    Returns
+    -------
+    Families
+        The families and the cells' attractors.
     """
     attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
-    return Families(delta, epsilon, count, attractors, entered, family, tabulated(delta, epsilon, count, sums))
+    return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
 
 
 def joined_rows(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
-    """The table of the cells of a grid with what entered them, whether each row did (rows,), and its family (rows,)."""
+    """Return the table of the cells of a grid with the orbits that entered them.
+
+    Also whether each row did (rows,), and its family (rows,).
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
+        The table, the flags and the families.
+    """
     return _joined(table, shape, cells)[:3]
 
 
@@ -78,12 +92,20 @@ def _joined(
 
 
 def together(*tables: AttractorTable) -> AttractorTable:
-    """The rows of one table after those of another."""
+    """Return the rows of one table after those of another."""
     return AttractorTable.concat(list(tables))
 
 
 def in_order(table: AttractorTable) -> NDArray[np.int64]:
-    """The order of rows (rows,): cell by cell, in each by falling number of samples, and nothing but what they are."""
+    """Return the order of rows (rows,).
+
+    Cell by cell, in each by falling number of samples, and nothing but what they are.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Order of the rows.
+    """
     keys = (table.tau, table.v, table.n_minus, table.n_plus, table.m, table.kind, -table.samples, table.cell)
     return np.lexsort(keys)
 
@@ -91,9 +113,19 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
 def components(
     table: AttractorTable, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
-    """Which rows of a table are one (rows,): equal numbers; QUIET_FAMILY: quiet motion, NO_FAMILY: not told.
+    """Return equal numbers (rows,) for rows of a table that are one attractor.
 
-    row: of each orbit; chaotic rows are in the order of their cells.
+    QUIET_FAMILY: quiet motion, NO_FAMILY: undecided.
+
+    Parameters
+    ----------
+    row : NDArray[np.int64]
+        Of each orbit; chaotic rows are in the order of their cells.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Number of each row's component.
     """
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
@@ -110,10 +142,19 @@ def components(
 
 
 def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
-    """The periodic orbits of a table, whose rows of one cell are side by side, and after them what they become in the
-    cells of a rectangle of a grid with so many columns, with the number of all.
+    """Return the periodic orbits of a table, and after them their continuations in the cells of a rectangle.
 
-    first: of the periodic orbits that are continued; those before it have been.
+    The rows of one cell are side by side in the table; the grid has so many columns.
+
+    Parameters
+    ----------
+    first : int
+        Of the periodic orbits that are continued; those before it have been.
+
+    Returns
+    -------
+    tuple[Linked, int]
+        The orbits, and the number of all.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
@@ -136,8 +177,14 @@ def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, o
 
 
 def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells: each leads to the
-    other, or one does in STEPS steps, which tell a continued orbit from a jump to another one.
+    """Return pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells.
+
+    Each leads to the other, or one does in STEPS steps, which tell a continued orbit from a jump to another one.
+
+    Returns
+    -------
+    tuple[NDArray[np.int64], NDArray[np.int64]]
+        First and second of each pair.
     """
     to = orbits.to[:n].astype(np.int64)
     to[to >= n] = NOWHERE
@@ -164,6 +211,7 @@ def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cell
 
 
 def room_for(n: int, n_cells: int) -> Linked:
+    """Return empty arrays with room for n linked orbits in so many cells."""
     labels = (np.zeros(n, np.int32) for _ in range(4))
     values = (np.zeros(n) for _ in range(4))
     links = np.full(n, NOWHERE, np.int32), np.full(n_cells, NOWHERE, np.int32), np.full((n, 4), NOWHERE, np.int32)
@@ -178,7 +226,7 @@ def longer(orbits: Linked) -> Linked:
 
 
 def entered(orbits: Linked, n_known: int, n: int) -> AttractorTable:
-    """A row for each orbit that was entered, after so many that were known."""
+    """Return a row for each orbit that was entered, after so many that were known."""
     new = slice(n_known, n)
     many = n - n_known
     zeros = np.zeros(many, np.int64)

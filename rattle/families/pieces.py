@@ -15,7 +15,7 @@ from rattle.families.spread import OF_ORBIT, Rectangle, enter
 no_attractors = AttractorTable.empty
 
 
-class Piece:
+class GridPiece:
     """A grid that gets to know its attractors some cells at a time: which orbits exist in it, continued everywhere.
 
     orbits, n: as `spread` has them. samples (n,): that go to an orbit in its cell, −1 of what was entered.
@@ -43,10 +43,21 @@ class Piece:
 def entering(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """The orbits that enter the cells of a piece of a grid with so many columns: those of its attractors, and of those
-    beside it, are continued in it until nothing new is found.
+    """Return the orbits that enter the cells of a piece of a grid with so many columns.
 
-    Rows of one cell are side by side. tried: those inside have been continued before.
+    Those of its attractors, and of those beside it, are continued in it until nothing new is found.
+
+    Rows of one cell are side by side.
+
+    Parameters
+    ----------
+    tried : bool
+        Those inside have been continued before.
+
+    Returns
+    -------
+    AttractorTable
+        The entering orbits.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
@@ -54,8 +65,16 @@ def entering(
 
 
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Which attractors of a grid that has everything that enters it are one (rows,), as `components` has it; table: in
-    their order.
+    """Return numbers (rows,) that join the attractors of a complete grid, as `components` has them.
+
+    A grid that has everything that enters it.
+
+    Table: in their order.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Number of each row's component.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

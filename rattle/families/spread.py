@@ -42,8 +42,9 @@ OF_ORBIT = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
 
 
 class Linked(NamedTuple):
-    """Stable orbits of the cells of a grid, (room,), the used ones first: cell, label, fastest point, both
-    ln|multiplier|/m, and the orbit of the same cell that was entered before it.
+    """Stable orbits of the cells of a grid, (room,), the used ones first.
+
+    Cell, label, fastest point, both ln|multiplier|/m, and the orbit of the same cell that was entered before it.
 
     last (n_cells,): of each cell, the orbit that was entered last. to (room, 4): the orbit that it becomes in each
     neighbour. NOWHERE: there is none.
@@ -64,15 +65,15 @@ class Linked(NamedTuple):
 
 @inline
 def alike(i, k, orbits):
-    """Whether two orbits have the same label."""
+    """Return whether two orbits have the same label."""
     return (
         orbits.n_plus[i] == orbits.n_plus[k] and orbits.n_minus[i] == orbits.n_minus[k] and orbits.m[i] == orbits.m[k]
     )
 
 
 @kernel
-def at_point(tau, v, cell, k, near, orbits):
-    """The orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if it is that of none."""
+def orbit_at_point(tau, v, cell, k, near, orbits):
+    """Return the orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if there is none."""
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
@@ -84,8 +85,14 @@ def at_point(tau, v, cell, k, near, orbits):
 
 @kernel
 def labelled(tau, v, k, orbits, point):
-    """Whether the orbit through a point that Newton's method has found is stable and labelled as orbit k, with the
-    logarithms of its multipliers.
+    """Return whether the orbit through a point that Newton's method has found is stable and labelled as orbit k.
+
+    With the logarithms of its multipliers.
+
+    Returns
+    -------
+    result
+        The answer, and the two logarithms.
     """
     n_plus = np.int64(orbits.n_plus[k])  # as others call `power_map`, which is then compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
@@ -97,7 +104,7 @@ def labelled(tau, v, k, orbits, point):
 
 @kernel
 def settled(tau, v, n_plus, point):
-    """The same point of an orbit once more, from nearby: so its bits seldom tell from where it was continued."""
+    """Return the same point of an orbit once more, from nearby: so its bits seldom tell from where it was continued."""
     unit = unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
@@ -111,6 +118,11 @@ def followed(k, here, there, orbits):
     """Follow orbit k from one parameter point to another: (found, τ, v).
 
     A step for which Newton's method fails is halved. Between the points the orbit has to attract, with its label.
+
+    Returns
+    -------
+    result
+        (found, τ, v) at the end.
     """
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0
@@ -132,15 +144,15 @@ def followed(k, here, there, orbits):
 
 
 @kernel
-def continued(k, cell, n, orbits, cells):
-    """What orbit k becomes in a cell next to its own, entered as number n if the cell did not know it; else NOWHERE."""
+def continue_orbit(k, cell, n, orbits, cells):
+    """Return the number of orbit k's continuation in a neighbouring cell, entered as number n if new; else NOWHERE."""
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
     found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
         return NOWHERE
     unit = unit_at(point)
     near = SAME_POINT * unit
-    known = at_point(tau, v, cell, k, near, orbits)
+    known = orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
         return known
     is_stable, _first, _second = labelled(tau, v, k, orbits, point)
@@ -148,7 +160,7 @@ def continued(k, cell, n, orbits, cells):
         return NOWHERE
     t, w = tau, v
     for _ in range(n_plus):  # another impact of it may be the fastest here
-        known = at_point(t, w, cell, k, near, orbits)
+        known = orbit_at_point(t, w, cell, k, near, orbits)
         if known != NOWHERE:
             return known
         _status, t, w, _time, _below = step(t, w, point)
@@ -166,14 +178,20 @@ def continued(k, cell, n, orbits, cells):
 
 @kernel
 def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
-    """Enter orbits (k,) as numbers n and following, but for those that their cells know; write to which (k,) the number
-    of each. Returns n again. There is room for all of them.
+    """Enter orbits (k,) as numbers n and following, but for those that their cells know.
+
+    Write to which (k,) the number of each. There is room for all of them.
+
+    Returns
+    -------
+    result
+        The next free number n.
     """
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
         orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau[i], v[i], first[i], second[i]
         near = SAME_POINT * unit_at(point_of(cell[i], cells))
-        which[i] = at_point(tau[i], v[i], cell[i], n, near, orbits)
+        which[i] = orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
         if which[i] == NOWHERE:
             orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
             which[i] = n
@@ -183,9 +201,14 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
 
 @kernel
 def spread(done, n, columns, inside, cells, orbits):
-    """Continue the orbits from number `done` on, of n, into the neighbours of their cells that are in a rectangle of a
-    grid with so many columns, and what is found there too. Returns both numbers again: equal when nothing is left, else
-    there is no more room.
+    """Continue the orbits from number `done` on, of n, into the neighbours of their cells.
+
+    These are in a rectangle of a grid with so many columns; orbits found there are continued too.
+
+    Returns
+    -------
+    result
+        Both numbers again: equal when nothing remains, else there is no more room.
     """
     room = orbits.cell.size
     while done < n and n + 4 <= room:
@@ -195,7 +218,7 @@ def spread(done, n, columns, inside, cells, orbits):
             found = NOWHERE
             if inside.top <= i < inside.bottom and inside.left <= j < inside.right:
                 cell = i * columns + j
-                found = continued(done, cell, n, orbits, cells)
+                found = continue_orbit(done, cell, n, orbits, cells)
                 if found == n:
                     n += 1
             orbits.to[done, side] = found
@@ -205,8 +228,9 @@ def spread(done, n, columns, inside, cells, orbits):
 
 @kernel
 def lead(one, other, steps, way, orbits, arrives):
-    """Write whether orbits one (k,) become the orbits other (k,) of cells beside theirs when followed in so many steps;
-    way: the parameters of these (k·steps,), as cells.
+    """Write whether orbits one (k,) become the orbits other (k,) of cells beside theirs when followed in so many steps.
+
+    Way: the parameters of these (k·steps,), as cells.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]

@@ -1,4 +1,4 @@
-"""What is known of families as sums over cells, which can be added: so the pieces of a grid are told one by one."""
+"""Sums over cells that describe families and can be added, so that the pieces of a grid are handled one by one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Integers = NDArray[np.int64]
 
 
 class Sums(NamedTuple):
-    """What some cells of a grid have of components, arrays (components,), by rising number of these.
+    """Sums over some cells of a grid, arrays (components,) by rising number of the components.
 
     kind, m, n_plus, n_minus: the label. cells: that have it; rows: attractors of it, more where a cell has two;
     unsampled: those to which no sample goes; samples: that go to them. top, bottom, left, right: the first and the last
@@ -45,7 +45,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
-    """The sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
+    """Return the sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)
     component, cell, samples = component[of], table.cell[of], table.samples[of]
@@ -75,11 +75,11 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
         first=cell,
         place=place[of],
     )
-    return added([each])
+    return add_sums([each])
 
 
-def added(parts: Iterable[Sums]) -> Sums:
-    """The sums of all cells from those of some, each cell in one of them."""
+def add_sums(parts: Iterable[Sums]) -> Sums:
+    """Return the sums of all cells from those of some, each cell in one of them."""
     all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_
@@ -98,8 +98,15 @@ def added(parts: Iterable[Sums]) -> Sums:
 
 
 def numbers_of(sums: Sums) -> Integers:
-    """The family of each component, which indexes it, −1 too: by falling number of cells, where these are equal by
-    their first attractors. So nothing but the cells decides a number.
+    """Return the family of each component, which indexes it, −1 too.
+
+    By falling number of cells, where these are equal by their first attractors. So nothing but the cells decides a
+    number.
+
+    Returns
+    -------
+    Integers
+        Family of each component.
     """
     others = np.flatnonzero(sums.component != QUIET_FAMILY)
     order = others[np.lexsort((sums.place[others], sums.first[others], -sums.cells[others]))]

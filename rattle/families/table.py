@@ -57,7 +57,7 @@ class Families:
     table: FamilyTable
 
     def fractions(self, number: int) -> NDArray[np.float64]:
-        """The share of the samples that a family wins, (m, n); NaN where it is not."""
+        """Return the share of the samples that a family wins, (m, n); NaN where it is not."""
         rows, shape = self.family == number, (self.epsilon.size, self.delta.size)
         cell, samples = self.attractors.cell, self.attractors.samples
         n_cells = shape[0] * shape[1]
@@ -66,9 +66,15 @@ class Families:
         return np.where(there, won / self.count, np.nan).reshape(shape)
 
 
-def tabulated(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
-    """What is known of each family of cells `epsilon` (m,) × `delta` (n,) with so many samples each, from the sums of
-    all of them.
+def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
+    """Return the table of families of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
+
+    From the sums of all cells.
+
+    Returns
+    -------
+    FamilyTable
+        A row for each family.
     """
     family = numbers_of(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1

@@ -50,8 +50,14 @@ def lag(x, s, pull):
 
 @inline
 def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
-    """The flight from time t0 to time t1 over a distance, in the order of `Flights`; turn0 and turn1 are sine and
-    cosine of these phases. Not finite if it takes no time.
+    """Return the flight from time t0 to time t1 over a distance, in the order of `Flights`.
+
+    Turn0 and turn1 are sine and cosine of these phases. Not finite if it takes no time.
+
+    Returns
+    -------
+    result
+        The flight; not finite if it takes no time.
     """
     (sin0, cos0), (sin1, cos1) = turn0, turn1
     s = t1 - t0

@@ -23,17 +23,30 @@ SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
 
 @inline
 def is_captured(speed, force, largest_invariant):
-    """True if the bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet: v³/g is at most
-    the largest invariant of `rattle.impacting.map.quiet`.
+    """Return whether the bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
+
+    V³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
+
+    Returns
+    -------
+    result
+        True if it is certain.
     """
     return speed * speed * speed <= largest_invariant * force
 
 
 @kernel
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
-    """True if the motion does not leave the wall: no speed into the gap, and a contact force that presses on the wall.
+    """Return whether the motion does not leave the wall.
+
+    No speed into the gap, and a contact force that presses on the wall.
 
     A graze arrives with no speed and leaves at once, because the force points into the gap.
+
+    Returns
+    -------
+    result
+        True if it stays.
     """
     if wall * w < -SLOWEST:
         return False

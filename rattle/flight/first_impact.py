@@ -1,5 +1,6 @@
-"""The first impact of one flight (compiled): single precision finds and proves it, double precision lands on it; else a
-search of monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
+"""The first impact of one flight (compiled): single precision finds and proves it, double precision lands on it.
+
+Else a search of monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
 """
 
 import math
@@ -41,10 +42,15 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 
 @inline
 def last_step(s, f0, f1, lost, sin1, cos1, flight):
-    """The step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
+    """Return the step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
 
     The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
     F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
+
+    Returns
+    -------
+    result
+        The step u.
     """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -75,8 +81,15 @@ def stepped(u, f1, lost, sin1, cos1, flight):
 
 @kernel
 def proven_impact(wall, tau, flight, beta):
-    """The first impact by the stages that a block of lanes runs: (proved, next wall, s, F', 1 − e^(−δs), sin,
-    cos)."""
+    """Return the first impact by the stages that a block of lanes runs.
+
+    (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
+
+    Returns
+    -------
+    result
+        (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
+    """
     wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
     series = taylor(s, short)
@@ -103,9 +116,14 @@ def proven_impact(wall, tau, flight, beta):
 
 @kernel
 def root_in(lo, hi, guess, level, rising, flight):
-    """The crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
+    """Return the crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
 
     A step leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'; the last one leaves less than rounding.
+
+    Returns
+    -------
+    result
+        Time of the crossing.
     """
     s = guess
     if not (lo < s < hi):
@@ -134,7 +152,7 @@ def root_in(lo, hi, guess, level, rising, flight):
 
 @kernel
 def extremum_in(lo, hi, guess, convex, flight):
-    """The zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9: F there is then exact to rounding."""
+    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9: F there is then exact to rounding."""
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
@@ -160,7 +178,7 @@ def extremum_in(lo, hi, guess, convex, flight):
 
 @kernel
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
-    """The crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
+    """Return the crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:
         return 0, s1
@@ -172,7 +190,7 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
 
 @inline
 def end_of_piece(s, longest, tau, arc):
-    """Where a piece that starts after s ends: after `longest`, or before, where the contact force changes sign."""
+    """Return the end of a piece after s: after `longest`, or before, where the contact force changes sign."""
     e = s + longest
     if arc.exists:
         to_exit = arc.leave - tau - s
@@ -185,11 +203,17 @@ def end_of_piece(s, longest, tau, arc):
 
 @kernel
 def searched_crossing(tau, flight, lower, upper):
-    """First crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards by pieces on which e^(δs) F' is monotone, so
-    that F has one extremum at most: (status, +1 for the upper and −1 for the lower one, time).
+    """Return the first crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards.
+
+    By pieces on which e^(δs) F' is monotone, so that F has one extremum at most.
 
     The pieces end where the contact force changes sign, and at least four times a period; each is cut at its extremum,
     and the first monotone part that reaches a level holds the crossing.
+
+    Returns
+    -------
+    result
+        (status, +1 for the upper and −1 for the lower one, time).
     """
     arc = negative_arc(flight.delta, flight.epsilon)
     s, f0, f1 = 0.0, 0.0, flight.w
@@ -216,7 +240,7 @@ def searched_crossing(tau, flight, lower, upper):
 
 @kernel
 def safe_impact(wall, tau, flight, beta):
-    """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
+    """Return the search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
     status, target, s = searched_crossing(tau, flight, lower, upper)
@@ -227,10 +251,15 @@ def safe_impact(wall, tau, flight, beta):
 
 @kernel
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
-    """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
+    """Return the first impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 
     Returns (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at
     arrival).
+
+    Returns
+    -------
+    result
+        (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase).
     """
     flight = leaving(tau, w, delta, epsilon, drift)
     if delta > 0.0:

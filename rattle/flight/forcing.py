@@ -59,18 +59,18 @@ def sine_defect64(q):
 
 @inline
 def versine32(q):
-    """As versine64."""
+    """Return versine64 in single precision."""
     return degree_5(coefficients.VERSINE_32, q)
 
 
 @inline
 def sine_defect32(q):
-    """As sine_defect64."""
+    """Return sine_defect64 in single precision."""
     return degree_4(coefficients.SINE_DEFECT_32, q)
 
 
 def _forcing(real, versine, sine_defect):
-    """The functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
+    """Build the functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
     two_pi = real(TWO_PI)
     rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
 
@@ -85,34 +85,34 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def turned(step, sin0, cos0):
-        """The change of the sine, and the cosine, from a phase to s later; step: the `versines` of s."""
+        """Return the change of the sine, and the cosine, from a phase to s later; step: the `versines` of s."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
     @inline
     def drop(step, sin0, cos0, epsilon):
-        """e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
+        """Return e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
         omc, _siny, defect = step
         return epsilon * (cos0 * omc - sin0 * defect)
 
     @inline
     def slowing(dsin, epsilon):
-        """e'(t₀) − e'(t₁), from what `turned` returns."""
+        """Return e'(t₀) − e'(t₁), from what `turned` returns."""
         return (two_pi * epsilon) * dsin
 
     @inline
     def plus_slope(x, sine, cosine, epsilon):  # noqa: ARG001
-        """x + e'."""
+        """Return x + e'."""
         return x - two_pi * epsilon * sine
 
     @inline
     def plus_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
-        """x + e''."""
+        """Return x + e''."""
         return x - two_pi * two_pi * epsilon * cosine
 
     @inline
     def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):  # noqa: ARG001
-        """x + e'' after what `turned` returns: the sine is not added up before it is needed."""
+        """Return x + e'' after what `turned` returns: the sine is not added up before it is needed."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return versines, turned, drop, slowing, plus_acceleration_after, plus_slope, plus_acceleration
@@ -132,7 +132,7 @@ def phase_at(tau):
 
 @inline
 def library_phase(tau):
-    """The same by the sine and cosine of the library, to the last bit where few are computed."""
+    """Return the same by the sine and cosine of the library, to the last bit where few are computed."""
     angle = TWO_PI * tau
     return math.sin(angle), math.cos(angle)
 
@@ -160,26 +160,32 @@ def later_phase(step, sine, cosine):
 
 @inline
 def third_derivative(sine, cosine, epsilon):  # noqa: ARG001
-    """e'''."""
+    """Return e'''."""
     return TWO_PI * TWO_PI * TWO_PI * epsilon * sine
 
 
 @inline
 def fourth_derivative(sine, cosine, epsilon):  # noqa: ARG001
-    """e⁗."""
+    """Return e⁗."""
     return TWO_PI**4 * epsilon * cosine
 
 
 @inline
 def slope_loss(sin0, cos0, sin1, cos1, epsilon):  # noqa: ARG001
-    """e'(t₀) − e'(t₁)."""
+    """Return e'(t₀) − e'(t₁)."""
     return TWO_PI * epsilon * (sin1 - sin0)
 
 
 @inline
 def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
-    """∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀) of a flight of fixed duration, with
-    f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
+    """Return the derivatives of F and F' by the time of departure, for a flight of fixed duration.
+
+    ∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀), with f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
+
+    Returns
+    -------
+    result
+        Both derivatives.
     """
     force = TWO_PI * TWO_PI * epsilon
     return f_w * force * cos0 - slope_loss(sin0, cos0, sin1, cos1, epsilon), force * (decay * cos0 - cos1)
@@ -187,7 +193,7 @@ def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
 
 @inline
 def largest_slope(epsilon):
-    """The largest |e'|."""
+    """Return the largest |e'|."""
     return TWO_PI * epsilon
 
 
@@ -196,45 +202,51 @@ def largest_slope(epsilon):
 
 @inline
 def contact_force(sine, cosine, delta, epsilon, drift):
-    """g = Φ'' + δΦ' = δq + e'' + δe', which presses on Σ⁺ where it is positive."""
+    """Return g = Φ'' + δΦ' = δq + e'' + δe', which presses on Σ⁺ where it is positive."""
     return delta * drift - TWO_PI * epsilon * (TWO_PI * cosine + delta * sine)
 
 
 @inline
 def contact_force_rate(sine, cosine, delta, epsilon):
-    """g'."""
+    """Return g'."""
     return TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)
 
 
 @inline
 def contact_force_swing(delta, epsilon):
-    """The largest |g − δq|."""
+    """Return the largest |g − δq|."""
     return TWO_PI * epsilon * math.hypot(TWO_PI, delta)
 
 
 @inline
 def relative_swing(delta, epsilon):
-    """The swing of the contact force over its mean: above 1 the force changes sign."""
+    """Return the swing of the contact force over its mean: above 1 the force changes sign."""
     return epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
 
 
 @inline
 def swings_beyond(share, delta, epsilon):
-    """True if the contact force swings by more than this share of its mean."""
+    """Return whether the contact force swings by more than this share of its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
 
 
 @inline
 def relative_force(swing, share):
-    """The contact force over its mean, half a period times this share away from the phase of the least one, from its
-    `relative_swing`.
+    """Return the contact force over its mean, at half a period times this share from the phase of the least one.
+
+    From its `relative_swing`.
+
+    Returns
+    -------
+    result
+        The ratio.
     """
     return 1.0 - swing * math.cos(math.pi * share)
 
 
 @inline
 def phase_of_least_force(delta):
-    """The phase at which the contact force is least."""
+    """Return the phase at which the contact force is least."""
     return math.atan2(delta, TWO_PI) / TWO_PI
 
 
@@ -255,9 +267,14 @@ def force_integral(duration, mean, a, b):
 
 @kernel
 def negative_arc(delta, epsilon):
-    """The phases where the contact force is negative: one arc, for one cosine.
+    """Return the phases where the contact force is negative: one arc, for one cosine.
 
     g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
+
+    Returns
+    -------
+    result
+        The arc.
     """
     largest = contact_force_swing(delta, epsilon)
     mean = abs(delta) * DRIFT
@@ -273,7 +290,7 @@ def negative_arc(delta, epsilon):
 
 @inline
 def mean_cosine32(angle, sin0, cos0):
-    """The mean cosine over a time angle/2π from a phase on, angle ≤ 2π: a guess."""
+    """Return the mean cosine over a time angle/2π from a phase on, angle ≤ 2π: a guess."""
     square = angle * angle
     return (
         degree_4(coefficients.MEAN_COSINE_32, square) * cos0
@@ -283,19 +300,19 @@ def mean_cosine32(angle, sin0, cos0):
 
 @inline
 def plus_mean_acceleration32(x, mean_cosine, epsilon):
-    """x + the mean of e'', from what `mean_cosine32` returns."""
+    """Return x + the mean of e'', from what `mean_cosine32` returns."""
     return x - W2 * epsilon * mean_cosine
 
 
 @inline
 def third_derivative32(sine, cosine, epsilon):  # noqa: ARG001
-    """e'''."""
+    """Return e'''."""
     return W3 * epsilon * sine
 
 
 @inline
 def fourth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
-    """e⁗."""
+    """Return e⁗."""
     return W4 * epsilon * cosine
 
 
@@ -307,50 +324,50 @@ def minus_fifth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
 
 @inline
 def change_scale32(s):
-    """The size of e(t + s) − e(t) − s e'(t) over ε, up to which its rounding is relative."""
+    """Return the size of e(t + s) − e(t) − s e'(t) over ε, up to which its rounding is relative."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
 def coarse_change_scale32(s, epsilon):
-    """No less than `change_scale32`, in fewer operations."""
+    """Return no less than `change_scale32`, in fewer operations."""
     return epsilon * (W1 * s + f32(3.0))
 
 
 @inline
 def slope_range32(epsilon):
-    """The largest e'(t₁) − e'(t₀)."""
+    """Return the largest e'(t₁) − e'(t₀)."""
     return f32(2.0) * W1 * epsilon
 
 
 @inline
 def largest_slope_loss32(sin0, cos0, epsilon):  # noqa: ARG001
-    """The largest e'(t₀) − e'(t₁) at any later time."""
+    """Return the largest e'(t₀) − e'(t₁) at any later time."""
     return W1 * epsilon * (f32(1.0) - sin0)
 
 
 @inline
 def largest_acceleration32(epsilon):
-    """The largest |e''|."""
+    """Return the largest |e''|."""
     return W2 * epsilon
 
 
 @inline
 def largest_sixth32(epsilon):
-    """The largest |e⁽⁶⁾|/720."""
+    """Return the largest |e⁽⁶⁾|/720."""
     return SIXTH * epsilon
 
 
 @inline
 def sine_changes_to_arc32(inside, sin0, arc):
-    """The change of the sine until the entry to the arc (none if the departure is inside) and until its exit."""
+    """Return the change of the sine until the entry to the arc (none if the departure is inside) and until its exit."""
     return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
 
 
 @inline
 def plus_slope_change32(x, dsin, epsilon):
-    """x + the change of e' that belongs to this change of the sine."""
+    """Return x + the change of e' that belongs to this change of the sine."""
     return x - W1 * epsilon * dsin
 
 
@@ -359,7 +376,7 @@ def plus_slope_change32(x, dsin, epsilon):
 
 @inline
 def turn(z):
-    """sin z and cos z of a complex z."""
+    """Return sin z and cos z of a complex z."""
     sine, cosine, cosh, sinh = math.sin(z.real), math.cos(z.real), math.cosh(z.imag), math.sinh(z.imag)
     return complex(sine * cosh, cosine * sinh), complex(cosine * cosh, -sine * sinh)
 
@@ -372,19 +389,19 @@ def analytic_phase(t):
 
 @inline
 def analytic_change(t0, t1, s, epsilon):
-    """e(t₁) − e(t₀) at complex times, s = t₁ − t₀, without cancellation."""
+    """Return e(t₁) − e(t₀) at complex times, s = t₁ − t₀, without cancellation."""
     return epsilon * (-2.0 * turn(math.pi * (t0 + t1))[0] * turn(math.pi * s)[0])
 
 
 @inline
 def plus_analytic_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
-    """x + e'', with the products in the order that the stored bits of curves have."""
+    """Return x + e'', with the products in the order that the stored bits of curves have."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """As `force_ahead`, for complex arguments and δ > 0."""
+    """Return `force_ahead` for complex arguments and δ > 0."""
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
@@ -398,7 +415,7 @@ def change_shape(t0, t1, s):
 
 @inline
 def slope_shape(sine, cosine):  # noqa: ARG001
-    """e'/ε, likewise."""
+    """Return e'/ε, likewise."""
     return -TWO_PI * sine
 
 

@@ -44,7 +44,7 @@ def series(start: int, step: int, x: Any) -> Any:
 
 
 def polynomials() -> list[Polynomial]:
-    """All that the kernels use. z = 2π(s − the nearest integer) lies in [−π, π], so z² in [0, π²]."""
+    """Return all that the kernels use. z = 2π(s − the nearest integer) lies in [−π, π], so z² in [0, π²]."""
     decay, versine, defect, sine = (partial(series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
     square = mp.pi**2
     return [
@@ -60,7 +60,7 @@ def polynomials() -> list[Polynomial]:
 
 
 def coefficients(p: Polynomial) -> list[np.floating]:
-    """The interpolant through the Chebyshev nodes, rounded."""
+    """Return the interpolant through the Chebyshev nodes, rounded."""
     n = p.degree + 1
     nodes = [(p.low + p.high + (p.high - p.low) * mp.cos(mp.pi * (2 * k + 1) / (2 * n))) / 2 for k in range(n)]
     matrix, values = mp.matrix(n, n), mp.matrix(n, 1)
@@ -72,7 +72,7 @@ def coefficients(p: Polynomial) -> list[np.floating]:
 
 
 def error(p: Polynomial, found: list[np.floating]) -> Any:
-    """The largest relative error on the grid; absolute where the function has a zero."""
+    """Return the largest relative error on the grid; absolute where the function has a zero."""
     worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
     for i in range(GRID + 1):
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID
@@ -86,7 +86,7 @@ def error(p: Polynomial, found: list[np.floating]) -> Any:
 
 
 def module() -> str:
-    """The text of rattle/flight/coefficients.py."""
+    """Return the text of rattle/flight/coefficients.py."""
     lines = [HEADER]
     with mp.workdps(60):
         for p in polynomials():

@@ -1,5 +1,6 @@
-"""Where a flight ends, in single precision: a guess that double precision improves, and the proof that it is the first
-impact.
+"""Guess the end of a flight, in single precision.
+
+A guess that double precision improves, and the proof that it is the first impact.
 
 Every function here is straight-line code on float32 numbers, run for one flight or, in a loop, for a block of them.
 docs/kernel.md derives each inequality; the margins bound what rounding to float32 can do:
@@ -53,7 +54,7 @@ class Minimum(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """What the points of a scan have told so far."""
+    """State of a scan: the results of the points so far."""
 
     f: f32  # F and F' at the last point
     g: f32
@@ -66,7 +67,7 @@ class Scan(NamedTuple):
 
 @inline
 def in_single(flight):
-    """A flight in single precision, with A of the rounded numbers."""
+    """Return a flight in single precision, with A of the rounded numbers."""
     w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
     return Flight(w, plus_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
 
@@ -91,7 +92,15 @@ def first_guess(wall, gap, inverse_delta, flight):
 
 @inline
 def better_guess(s, wall, gap, flight):
-    """One Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻), at most to half or twice the time."""
+    """Return one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
+
+    At most to half or twice the time.
+
+    Returns
+    -------
+    result
+        The better time.
+    """
     f0, f1, f2, _l, _s, _c = evaluate32(s, flight)
     turning, arriving = f1 / max(f2, f32(0.2) * Q * flight.delta), (f0 - gap) / max(f1, f32(0.1))
     step = turning if wall > f32(0.0) else arriving
@@ -119,7 +128,7 @@ def taylor(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """The sum of the sizes of the terms of F after s, up to which its rounding is relative."""
+    """Return the sum of the sizes of the terms of F after s, up to which its rounding is relative."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -127,28 +136,33 @@ def height_scale(s, flight):
 
 @inline
 def speed_scale(flight):
-    """The same for F'."""
+    """Return the same for F'."""
     return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 
 @inline
 def slope(u, c1, c2, c3, c4, c5):
-    """Derivative of the Taylor polynomial."""
+    """Return the derivative of the Taylor polynomial."""
     return c1 + u * (f32(2.0) * c2 + u * (f32(3.0) * c3 + u * (f32(4.0) * c4 + u * (f32(5.0) * c5))))
 
 
 @inline
 def height(u, c0, c1, c2, c3, c4, c5):
-    """The Taylor polynomial."""
+    """Return the Taylor polynomial."""
     u2 = u * u
     return (c0 + u * c1) + u2 * ((c2 + u * c3) + u2 * (c4 + u * c5))
 
 
 @inline
 def depth(s, series, flight):
-    """The minimum near s, where F has this Taylor series: its height as it seems, and bounds.
+    """Return the minimum near s, where F has this Taylor series: its height as it seems, and bounds.
 
     Remainders and rounding are in the bounds, if δs < 2; that of F is UNBOUNDED where the polynomial is no good.
+
+    Returns
+    -------
+    result
+        The height and its bounds.
     """
     w, a, _sin0, _cos0, delta, epsilon = flight
     c0, c1, c2, c3, c4, c5 = series
@@ -174,7 +188,7 @@ def depth(s, series, flight):
 
 @inline
 def local_root(rising, level, series):
-    """The step to F = level: root of the parabola, then one Newton step on the polynomial."""
+    """Return the step to F = level: root of the parabola, then one Newton step on the polynomial."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
@@ -188,7 +202,7 @@ def local_root(rising, level, series):
 
 @inline
 def refined(s, level, flight):
-    """A step of fourth order to F = level, from the first four derivatives: (s, its size, F' there)."""
+    """Return a step of fourth order to F = level, from the first four derivatives: (s, its size, F' there)."""
     c0, c1, c2, c3, c4, _c5 = taylor(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse
@@ -198,8 +212,14 @@ def refined(s, level, flight):
 
 @inline
 def scanned(s0, s, wall, gap, scan, flight):
-    """A scan for the last turning point and the end of a flight, both by linear interpolation, with one more point s
-    after s0.
+    """Return a scan for the last turning point and the end of a flight, with one more point s after s0.
+
+    Both by linear interpolation.
+
+    Returns
+    -------
+    result
+        The scan with this point.
     """
     f0, g0, turned, turn, ended, falls, end = scan
     f, g, _f2, _k, _s, _c = evaluate32(s, flight)

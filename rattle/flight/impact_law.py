@@ -17,25 +17,25 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected(w):
-    """The velocity after an impact, from that before."""
+    """Return the velocity after an impact, from that before."""
     return -w
 
 
 @inline
 def before_reflection(w):
-    """The velocity before an impact, from that after."""
+    """Return the velocity before an impact, from that after."""
     return -w
 
 
 @inline
 def reflected_change(change):
-    """A change of the velocity after an impact, from that of the velocity before: the derivative times it."""
+    """Return a change of the velocity after an impact, from that of the velocity before: the derivative times it."""
     return -change
 
 
 @inline
 def arrival_part(w):
-    """What a velocity of arrival, or a derivative of it, adds to the mismatch."""
+    """Return the share of a velocity of arrival, or of a derivative of it, in the mismatch."""
     return w
 
 
@@ -53,13 +53,13 @@ def impulse_of(speed):
 
 @inline
 def determinant_of_impact(determinant):
-    """The size of the determinant of a flight and the impact at its end in (t, w²/2), from that of the flight."""
+    """Return the size of the determinant of a flight and its impact in (t, w²/2), from that of the flight."""
     return determinant
 
 
 @inline
 def log_determinant(delta, time, impacts):  # noqa: ARG001
-    """ln|det| in (t, w²/2) of a motion that takes this time and makes so many impacts."""
+    """Return ln|det| in (t, w²/2) of a motion that takes this time and makes so many impacts."""
     return -delta * time
 
 
@@ -78,8 +78,14 @@ class ImpactLaw:
     chatter_completes: bool = False
 
     def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:  # noqa: ARG002
-        """Return the determinant e^(−δ time) of a motion of so many impacts in this time, the product of its
-        multipliers.
+        """Return the determinant e^(−δ time) of a motion of so many impacts in this time.
+
+        It is the product of its multipliers.
+
+        Returns
+        -------
+        Any
+            The determinant.
         """
         return np.exp(-delta * time)
 

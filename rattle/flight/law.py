@@ -34,7 +34,7 @@ LONGEST_DECAY = 2.0  # largest δs of the polynomials
 
 
 class Flight(NamedTuple):
-    """What F of one flight is made of, in double or in single precision."""
+    """Terms of F of one flight, in double or in single precision."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
@@ -46,21 +46,27 @@ class Flight(NamedTuple):
 
 @inline
 def folded(tau):
-    """The phase in [0, 1); a tiny negative one would round up to 1."""
+    """Return the phase in [0, 1); a tiny negative one would round up to 1."""
     fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
 
 @inline
 def wrapped(difference):
-    """A phase difference in [−1/2, 1/2]."""
+    """Return a phase difference in [−1/2, 1/2]."""
     return difference - np.rint(difference)
 
 
 @inline
 def natural_speed(delta, epsilon, beta):
-    """The speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700: √(16πδβ) is reached across the gap under the
-    drift, 2πε is the largest speed of the forcing.
+    """Return the speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700.
+
+    √(16πδβ) is reached across the gap under the drift, 2πε is the largest speed of the forcing.
+
+    Returns
+    -------
+    result
+        The speed.
     """
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
     return np.minimum(across + largest_slope(np.minimum(epsilon, FASTEST)), FASTEST)
@@ -68,7 +74,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """What a distance of speeds is measured in, beside phases: 1 at (0.6, 0.1, 0.6)."""
+    """Return the scale of distances of speeds, beside phases: 1 at (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 
@@ -80,12 +86,12 @@ def decay64(x):
 
 @inline
 def decay32(x):
-    """As decay64, x in [0, 2]."""
+    """Return decay64 in single precision, x in [0, 2]."""
     return degree_6(coefficients.DECAY_32, x)
 
 
 def _law(real, decay, forced):
-    """The flight law in one precision: an inline kernel, straight-line code that a loop over flights vectorises."""
+    """Build the flight law in one precision: an inline kernel of straight-line code for vectorised loops."""
     one, (versines, turned, drop, slowing, plus_acceleration_after) = real(1.0), forced[:5]
 
     @inline
@@ -111,20 +117,20 @@ evaluate32 = _law(np.float32, decay32, forcing.IN_SINGLE)
 
 @inline
 def departing(w, sin0, cos0, delta, epsilon, drift):
-    """The flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
+    """Return the flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
     return Flight(w, plus_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 
 @inline
 def leaving(tau, w, delta, epsilon, drift):
-    """The flight that leaves a wall at this phase with this velocity."""
+    """Return the flight that leaves a wall at this phase with this velocity."""
     sin0, cos0 = phase_at(tau)
     return departing(w, sin0, cos0, delta, epsilon, drift)
 
 
 @kernel
 def evaluate(s, flight):
-    """As `evaluate_short`, for any δs."""
+    """Return `evaluate_short` for any δs."""
     w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)

@@ -22,20 +22,28 @@ FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
 
 @inline
 def is_located(s, step, speed, flight):
-    """True if double precision may end what single precision began: a short step, and an impact that is no graze."""
+    """Return whether double precision may end what single precision began.
+
+    A short step, and an impact that is no graze.
+
+    Returns
+    -------
+    result
+        True if it may.
+    """
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
     return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
 
 
 @inline
 def arc_in_single(arc):
-    """An arc in single precision."""
+    """Return an arc in single precision."""
     return Arc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
 
 
 @inline
 def arc_ahead(tau, arc):
-    """Times to the entry (0 inside) and to the exit of the next arc, and whether the departure lies inside."""
+    """Return the times to the entry (0 inside) and to the exit of the next arc, and whether the departure is inside."""
     to_exit = arc.leave - tau
     to_exit -= floor(to_exit)
     inside = to_exit < arc.length
@@ -44,19 +52,32 @@ def arc_ahead(tau, arc):
 
 @inline
 def off_edges(to_exit, arc_length, delta):
-    """True if the departure is so far from the ends of the arc that rounding cannot confuse its side, and the damping
-    so small that rounding of these times, 1e-7, moves F' by less than ERROR allows.
+    """Return whether rounding cannot confuse the side of the arc that the departure is on.
+
+    It is far from the ends of the arc, and the damping so small that rounding of these times, 1e-7, moves F' by less
+    than ERROR allows.
+
+    Returns
+    -------
+    result
+        The answer.
     """
     return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 
 
 @inline
 def single_turn(wall, rising, tau, s, turn, flight, arc):
-    """True if it is certain that F' changes sign at most once before s, given its sign at s, and that e^(δs) F' grows
-    between that change and the place where it seemed to be.
+    """Return whether F' certainly changes sign at most once before s, given its sign at s.
+
+    And e^(δs) F' grows between that change and the place where it seemed to be.
 
     e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
     its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
+
+    Returns
+    -------
+    result
+        The answer.
     """
     w, a, sin0, _cos0, delta, epsilon = flight
     to_entry, to_exit, inside = arc_ahead(tau, arc)
@@ -81,8 +102,14 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
 
 @inline
 def lowest_point(s, minimum, delta):
-    """A lower bound of F up to s, if e^(δs) F' grows between the minimum and the point near it: there |F'| is at most
-    e^(δs) tilt.
+    """Return a lower bound of F up to s, if e^(δs) F' grows between the minimum and the point near it.
+
+    There |F'| is at most e^(δs) tilt.
+
+    Returns
+    -------
+    result
+        The lower bound.
     """
     x = delta * s
     growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # over LATER e^(LATER x), for x < 2
@@ -91,9 +118,14 @@ def lowest_point(s, minimum, delta):
 
 @inline
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
-    """True unless the flight might touch Σ⁻ on its way from Σ⁺ back to Σ⁺: it is too short for that, or turns above.
+    """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻: it is too short for that, or turns above.
 
     Falling, |F'| stays below v + max (e'(t₀) − e') where a ≥ 0, which for one cosine is v + 2πε (1 − sin θ).
+
+    Returns
+    -------
+    result
+        The answer.
     """
     fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
     shallow = fastest * s * LATER < f32(0.9999) * gap
@@ -103,11 +135,17 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 @inline
 def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
-    """True if a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, back on it and again after it, and touches
-    neither wall before s.
+    """Return whether a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, on it and after it.
+
+    And touches neither wall before s.
 
     Where e^(δs) F' is monotone, its values at the ends bound F' between them, so F lies above or below the lines of
     these slopes through its own values at the ends: the two lines' crossing bounds the extremum.
+
+    Returns
+    -------
+    result
+        The answer.
     """
     w, delta = flight.w, flight.delta
     to_entry, to_exit, inside = arc_ahead(tau, arc)

@@ -16,9 +16,14 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 
 @inline
 def flight_tangent(w1, lost, sin1, cos1, flight):
-    """∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
+    """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
     F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; the impact law reflects the change of w₁.
+
+    Returns
+    -------
+    result
+        Four derivatives.
     """
     decay = 1.0 - lost
     sin0, cos0, inverse_delta = flight.sin0, flight.cos0, 1.0 / flight.delta
@@ -30,11 +35,17 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 
 @inline
 def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
-    """A tangent vector (dt, dw) carried over one flight and the reflection, and the flight's determinant, which is
-    e^(−δs) w₀/w₁ in absolute value.
+    """Return a tangent vector (dt, dw) carried over one flight and the reflection, and the flight's determinant.
+
+    The determinant is e^(−δs) w₀/w₁ in absolute value.
 
     det = (w₁ ∂F'/∂w₀ − F'' ∂F/∂w₀ − ∂F/∂t₀ ∂F'/∂w₀ + ∂F/∂w₀ ∂F'/∂t₀)/w₁: the products with 1/w₁², large near grazing,
     cancel by algebra.
+
+    Returns
+    -------
+    result
+        The vector and the determinant.
     """
     decay = 1.0 - lost
     f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon)

@@ -49,8 +49,9 @@ def _raise_for(status: int) -> None:
 
 @dataclass(frozen=True)
 class Gear(Sampled, Rattling):
-    """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all
-    dimensionless.
+    """Impacting gear model at one parameter point.
+
+    Damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless.
 
     Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods.
     States are (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other
@@ -71,8 +72,9 @@ class Gear(Sampled, Rattling):
 
     @property
     def flip(self) -> float | None:
-        """ε at which C loses stability at this damping (PDC, not in the paper); None where it ends before, in grazing
-        G1, or does not exist (`rattle.flip`).
+        """ε at which C loses stability at this damping (PDC, not in the paper).
+
+        None where it ends before, in grazing G1, or does not exist (`rattle.flip`).
         """
         return _number_or_none(flip(self.delta, self.beta))
 
@@ -87,10 +89,17 @@ class Gear(Sampled, Rattling):
         return capture_speed(self.delta, self.epsilon, self.beta)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
-        """The first impact after leaving wall (+1: Φ = β, −1: Φ = −β) at this phase with this velocity (into the gap).
+        """Return the first impact after leaving a wall (+1: Φ = β, −1: Φ = −β) at this phase.
+
+        With this velocity (into the gap).
 
         Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises
         ParameterError if wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+
+        Returns
+        -------
+        FirstImpact
+            The impact.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _phase(phase)
@@ -103,9 +112,21 @@ class Gear(Sampled, Rattling):
         return FirstImpact(time, next_wall, w1)
 
     def impact(self, tau: float, v: float) -> Impact:
-        """The impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper 3.16).
+        """Return the impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper 3.16).
 
-        The tangent is infinite at a graze. Raises ParameterError, and RattleError if there is no next impact.
+        The tangent is infinite at a graze.
+
+        Returns
+        -------
+        Impact
+            State after the next impact on Σ⁺, with its tangent.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If there is no next impact.
         """
         v = require_number("v", v, positive=True)
         found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False)
@@ -114,8 +135,14 @@ class Gear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
-        """The (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between. Raises as
-        `impact`.
+        """Return the (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between.
+
+        Raises as `impact`.
+
+        Returns
+        -------
+        Impact
+            The preimage, with its tangent.
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
@@ -125,43 +152,74 @@ class Gear(Sampled, Rattling):
         return Impact(tau0, v0, n_minus, tangent, time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """The first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase.
+        """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
 
         v is 0 if it comes to rest there before it departs. On a wall the velocity may be that before the impact, or
-        that after it. Raises ParameterError, and RattleError if there is no impact.
+        that after it.
+
+        Returns
+        -------
+        tuple[float, float]
+            Phase τ and speed v.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If there is no impact.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(self.delta, self.epsilon, self.beta, _phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
+        """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
 
-        A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
+        A trajectory that comes to rest keeps its last state and has n_plus < n.
+
+        Returns
+        -------
+        Iterates
+            States and numbers of impacts.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
 
-        (time, phi, velocity, impact_time, impact_wall, impact_speed, rest). In closed form between impacts: exact to
-        rounding, which a chaotic motion stretches by e^(λ₁t). Raises ParameterError, and RattleError if it makes more
-        than ten million impacts. Source: paper (3.1), (3.2).
+        At points even times. In closed form.
+
+        Returns
+        -------
+        Trajectory
+            (time, phi, velocity, impact_time, impact_wall, impact_speed, rest).
         """
         tau = _phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
+        """Return the admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
         return orbits_at(self.delta, self.epsilon, self.beta)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
-        """The periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺, with its least
-        period; see `periodic_orbit`.
+        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺.
+
+        With its least period; see `periodic_orbit`.
+
+        Returns
+        -------
+        PeriodicOrbit
+            The motion.
         """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """A saddle among `orbits`, for its manifolds. Raises RattleError if it is none."""
+        """Return a saddle among `orbits`, for its manifolds. Raises RattleError if it is none."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
@@ -169,7 +227,9 @@ class Gear(Sampled, Rattling):
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
-        """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
+        """Return the least speed v < v_max of an impact that takes quiet motion to another attractor.
+
+        Over all phases τ.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
         limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, below δ = 0.3 in
@@ -183,6 +243,11 @@ class Gear(Sampled, Rattling):
         A basin with less than a thousandth of the plane may be missed altogether. Among long chaotic transients the
         last bit of a state decides where it goes: not this one may leave, but one within 1e-12 of it. Raises
         ParameterError.
+
+        Returns
+        -------
+        BoundaryDistance
+            The speed with its bounds.
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))
@@ -193,9 +258,21 @@ class Gear(Sampled, Rattling):
         return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
-        """The grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring
-        points are no further apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's
-        plane, v counts in sevenths of the natural one (`basins`). Raises ParameterError.
+        """Return the grazing curve Γ.
+
+        All (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring points are no further
+        apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's plane, v counts in
+        sevenths of the natural one (`basins`).
+
+        Returns
+        -------
+        tuple[GammaPiece, ...]
+            Pieces of Γ.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         return gamma(self.delta, self.epsilon, self.beta, spacing, self._speed(None) / PAPER_SPEED)
 

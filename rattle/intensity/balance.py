@@ -25,8 +25,9 @@ MOST_IMPACTS = 1_000_000
 
 @kernel
 def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
-    """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed; sums (1, COLUMNS) is
-    worked in.
+    """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed.
+
+    Sums (1, COLUMNS) is worked in.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -39,8 +40,19 @@ def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
 
 
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
-    """|(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,), NaN of what is neither periodic nor chaotic: to
-    rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one. cells: as the kernels take them.
+    """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,).
+
+    To rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one.
+
+    Parameters
+    ----------
+    cells : Any
+        As the kernels take them.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        The errors; NaN of attractors that are neither periodic nor chaotic.
     """
     errors = np.full(table.cell.size, np.nan)
     rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))

@@ -8,14 +8,14 @@ import numpy as np
 from rattle.errors import require, require_number
 from rattle.flight.first_impact import OK
 from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting
-from rattle.intensity.visit import Impacts, listed
+from rattle.intensity.visit import Impacts, list_impacts
 from rattle.orbits.iterates import MOST_IMPACTS
 
 ROOM, GROWTH = 1024, 8
 ROUNDING = 1e-9  # forcing periods by which the impact that ends a period may seem to be too late
 
 
-def room_for(count: int) -> Impacts:
+def impact_arrays(count: int) -> Impacts:
     """Arrays for so many impacts."""
     return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
 
@@ -26,7 +26,7 @@ def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
     require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
     if kind == "quiet":
-        return room_for(0)
+        return impact_arrays(0)
     if kind == "periodic":
         return _repeated(_one_period(motion, point), motion, periods)
     status, _tau, _v, found = _listed(motion, ENDLESS, periods, point)
@@ -45,15 +45,15 @@ def _listed(motion: Motion, returns: int, periods: float, point: Any) -> tuple[i
     """Status, the state at the end, and the impacts, MOST_IMPACTS at most."""
     room = ROOM
     while True:
-        found = room_for(room)
-        status, tau, v, count = listed(motion.tau, motion.v, returns, periods, point, found)
+        found = impact_arrays(room)
+        status, tau, v, count = list_impacts(motion.tau, motion.v, returns, periods, point, found)
         if count <= room or room == MOST_IMPACTS:
             return int(status), float(tau), float(v), Impacts(*(column[:count] for column in found))
         room = min(GROWTH * room, MOST_IMPACTS)
 
 
 def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
-    """The impacts of one period over and over, for so many forcing periods; once if these are infinite."""
+    """Return the impacts of one period over and over, for so many forcing periods; once if these are infinite."""
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)

@@ -68,9 +68,16 @@ class Intensity:
         return self.impacts_plus + self.impacts_minus
 
     def level(self, reference: float) -> float:
-        """The energy in dB relative to this energy per forcing period; −inf if nothing impacts. Raises ParameterError.
+        """Return the energy in dB relative to this energy per forcing period; −inf if nothing impacts.
+
+        Raises ParameterError.
 
         A and C, one impact of speed 2πδ, have 2π²δ²: `natural_energy`.
+
+        Returns
+        -------
+        float
+            The level in dB.
         """
         ratio = self.energy / require_number("reference", reference, positive=True)
         return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)
@@ -110,7 +117,7 @@ def _intensity(sums: Array, errors: Errors) -> Intensity:
 
 
 def rates(sums: Array) -> tuple[Array, ...]:
-    """The quantities of `Intensity` in their order, each (…,), from sums (…, batches, COLUMNS)."""
+    """Return the quantities of `Intensity` in their order, each (…,), from sums (…, batches, COLUMNS)."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]
     return (
@@ -125,7 +132,15 @@ def rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Those of `Errors` in their order, each (…,), from sums (…, BATCHES, COLUMNS): of ratio estimates over batches."""
+    """Return the half-widths of `Errors` in their order, each (…,), from sums (…, BATCHES, COLUMNS).
+
+    They are those of ratio estimates over batches.
+
+    Returns
+    -------
+    tuple[Array, ...]
+        The half-widths.
+    """
 
     def half_width(column: Array, per: Array) -> Array:
         whole = per.sum(axis=-1, keepdims=True)

@@ -14,7 +14,7 @@ ENDLESS = 1 << 62  # returns
 
 
 class Motion(Protocol):
-    """What says where it is and which it is: an `Attractor`, an `Orbit`, a periodic motion of either gear.
+    """Motion that has a state and a label: an `Attractor`, an `Orbit`, a periodic motion of either gear.
 
     It may have the kind of an attractor; without it is periodic.
     """
@@ -46,7 +46,15 @@ def kind_of(motion: Motion) -> str:
 
 
 def watched_periods(delta: float, periods: float | None) -> float:
-    """Forcing periods of a watch: by default so many that batches are long against the time in which motions forget."""
+    """Return the forcing periods of an observation.
+
+    By default so many that batches are long against the time in which motions forget.
+
+    Returns
+    -------
+    float
+        Number of forcing periods.
+    """
     if periods is None:
         return BATCHES * max(BATCH, RELAXATIONS / delta)
     return require_number("periods", periods, positive=True)

@@ -1,4 +1,4 @@
-"""What either gear can be asked of the impacts of a motion."""
+"""Answer questions about the impacts of a motion, for either gear."""
 
 import math
 from abc import ABC, abstractmethod
@@ -29,26 +29,42 @@ class Rattling(ABC):
         return math.inf
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
-        """How hard a motion rattles: impacts, speeds and energy per forcing period.
+        """Return how hard a motion rattles: impacts, speeds and energy per forcing period.
 
         Periodic: over one period, to rounding. Chaotic: over a watch of so many forcing periods (by default 32,000, or
         320/δ if that is more) from its (τ, v) on, with error bars from 32 batches of it. Quiet: nothing. Raises
         ParameterError, and RattleError where the motion is none of this gear's or comes to rest.
+
+        Returns
+        -------
+        Intensity
+            The intensity.
         """
         return intensity(motion, self._point, periods)
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
-        """The impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on, arrays (n,);
-        of a periodic one by default those of its period. None if it is quiet. Raises as `intensity`.
+        """Return the impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on.
+
+        Of a periodic one by default those of its period. Raises as `intensity`.
+
+        Returns
+        -------
+        Impacts
+            Arrays (n,), or None if the motion is quiet.
         """
         return impacts_of(motion, self._point, periods)
 
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
-        """The order spectrum of the contact force, from order 0 to the highest.
+        """Return the order spectrum of the contact force, from order 0 to the highest.
 
         Periodic or quiet: its lines, exact, that of order 0 being −4πδ: amplitude = (1/m) Σ ∓2v e^(−2πi order t) over
         the impacts at ±β. Chaotic: its density every 1/resolution, with its confidence, from 256 segments of
         `resolution` forcing periods. Raises as `intensity`.
+
+        Returns
+        -------
+        Lines | Density
+            Lines of a periodic or quiet motion, the density of a chaotic one.
         """
         return spectrum(motion, self._point, self._stiffness, highest, resolution)
 
@@ -61,9 +77,14 @@ class Rattling(ABC):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> NDArray[np.float64]:
-        """What a motion sounds like at this speed, from the departure (τ, v) on: samples (seconds · rate,).
+        """Return the sound of a motion at this speed, from the departure (τ, v) on.
 
         Each impact rings at `ring` Hz and dies away by e in `decay` seconds, as loud as its impulse (dimensionless).
         What a gearbox makes of it is another matter. Quiet: silence. Raises as `intensity`.
+
+        Returns
+        -------
+        NDArray[np.float64]
+            Samples (seconds · rate,).
         """
         return sound(motion, self._point, rpm, seconds, rate, ring, decay)

@@ -1,4 +1,4 @@
-"""What a motion sounds like: each impact rings, as a damped oscillation of its impulse."""
+"""Synthesise the sound of a motion: each impact rings, as a damped oscillation of its impulse."""
 
 import io
 import math
@@ -53,8 +53,17 @@ def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: 
 
 
 def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
-    """A WAV file of 16 bits of samples (n,), of which full_scale, by default the loudest, is as loud as can be. Raises
-    ParameterError.
+    """Return a WAV file of 16 bits of samples (n,), of which full_scale, by default the loudest, has full volume.
+
+    Returns
+    -------
+    bytes
+        Bytes of the file.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     from scipy.io import wavfile  # a tenth of a second to load
 

@@ -93,7 +93,7 @@ def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> ND
 
 
 def _transformed(impacts: Impacts, omega: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
-    """The sum in the formula above, of each impact."""
+    """Return the sum in the formula above, of each impact."""
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
@@ -112,17 +112,23 @@ def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.comp
 
 
 def _pressing(order: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
-    """The lines of the contact force at whole orders from 0 on."""
+    """Return the lines of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
     lines[:2] = [size for _, size in Forcing(epsilon).lines(delta)[:2]][: order.size]
     return lines
 
 
 def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
-    """Welch's estimate over half overlapping segments under Hann's window: the transform of the train itself, so that
-    nothing is sampled and no order is folded onto another.
+    """Welch's estimate over half overlapping segments under Hann's window.
+
+    The transform of the train itself, so that nothing is sampled and no order is folded onto another.
 
     Degrees of freedom: Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
+
+    Returns
+    -------
+    Density
+        The density, with its degrees of freedom.
     """
     from scipy.special import chdtri  # takes longer to load than all else here
 
@@ -153,9 +159,14 @@ def _pushes(impacts: Impacts, delta: float, epsilon: float) -> tuple[Array, Arra
 def periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
-    """|∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, at k (count,).
+    """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, at k (count,).
 
-    Those of segment q are first[q] to last[q]; they begin at begin[q].
+    Impulses of segment q are first[q] to last[q]; they begin at begin[q].
+
+    Returns
+    -------
+    Array
+        The sums (count,).
     """
     power, real, imaginary = np.zeros(count), np.empty(count), np.empty(count)
     for q in range(begin.size):

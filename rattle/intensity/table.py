@@ -28,7 +28,8 @@ Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 
 
 class Intensities(NamedTuple):
-    """The quantities of `Intensity` of every attractor of a table, arrays (n,), and 95 % half-widths where it has them:
+    """The quantities of `Intensity` of every attractor of a table, arrays (n,), and 95 % half-widths where it has them.
+
     0 where exact, of chaos from 32 batches. NaN: undecided, or chaos that came to rest while it was watched.
     """
 
@@ -52,7 +53,7 @@ EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # fields that are no errors
 
 @kernel
 def once_around(cell, n_plus, tau, v, cells, sums):
-    """Sums (n, COLUMNS), zero before, over a period of each motion (n,); NaN of one that does not close."""
+    """Add up sums (n, COLUMNS), zero before, over a period of each motion (n,); NaN of one that does not close."""
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         status, tau1, v1, _time = summed(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
@@ -62,9 +63,10 @@ def once_around(cell, n_plus, tau, v, cells, sums):
 
 
 @kernel
-def followed(cell, tau, v, periods, cells, sums):
-    """Sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,); NaN of one that
-    comes to rest.
+def sums_over_periods(cell, tau, v, periods, cells, sums):
+    """Add up sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
+
+    NaN of one that comes to rest.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -74,15 +76,26 @@ def followed(cell, tau, v, periods, cells, sums):
 
 
 def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """The `Stretch` of a gear without lanes."""
+    """Return the `Stretch` of a gear without lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
-    followed(cell, tau, v, STRETCH * longer, cells, sums)
+    sums_over_periods(cell, tau, v, STRETCH * longer, cells, sums)
     return sums
 
 
 def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
-    """How hard every attractor of a table rattles: exactly over a period, and of chaos over a stretch that costs a few
-    per cent of its classification. cells: as the kernels take them.
+    """Return how hard every attractor of a table rattles.
+
+    Exactly over a period, and of chaos over a stretch that costs a few per cent of its classification.
+
+    Parameters
+    ----------
+    cells : Any
+        As the kernels take them.
+
+    Returns
+    -------
+    Intensities
+        The intensities, a row for each attractor.
     """
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
     quiet = table.kind == Outcome.QUIET

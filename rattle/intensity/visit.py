@@ -31,14 +31,15 @@ class Impacts(NamedTuple):
 
 
 def bounce(wall, tau, w, point):
-    """From a departure with velocity w to the next one: (status, time of flight, wall, speed of arrival, duration of
-    the contact, impulse, speed of departure).
+    """From a departure with velocity w to the next one.
+
+    (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
     """
     raise NotImplementedError("for kernels only")
 
 
 @inline
-def added(row, s, wall, speed, duration, impulse):
+def add_impact(row, s, wall, speed, duration, impulse):
     """Enter one impact into a row of sums."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
@@ -51,18 +52,24 @@ def added(row, s, wall, speed, duration, impulse):
 
 @kernel
 def summed(tau, v, returns, periods, most, point, sums):
-    """Follow the motion that leaves Σ⁺ at (τ, v) until it has left Σ⁺ so many times more, or for so many forcing
-    periods, or impacts: (status, τ', v', time).
+    """Follow the motion that leaves Σ⁺ at (τ, v), until one of three limits is met.
+
+    It has left Σ⁺ so many times more, or made so many forcing periods, or impacts.
 
     sums (batches, COLUMNS), zero before: what the impacts add up to in equal parts of the periods; the last column has
     the largest speed.
+
+    Returns
+    -------
+    result
+        (status, τ', v', time).
     """
     wall, w, now, back, batches = SIGMA_PLUS, -v, 0.0, 0, sums.shape[0]
     for _ in range(most):
         status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)
         if status != OK:
             return status, tau, abs(w), now
-        added(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
+        add_impact(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
         tau, w, now = folded(tau + s + duration), -wall * departure, now + s + duration
         back += wall > 0
         if back >= returns or now >= periods:
@@ -71,8 +78,8 @@ def summed(tau, v, returns, periods, most, point, sums):
 
 
 @kernel
-def listed(tau, v, returns, periods, point, impacts):
-    """As `summed`, with the impacts written one by one, as far as there is room: (status, τ', v', their number)."""
+def list_impacts(tau, v, returns, periods, point, impacts):
+    """Do `summed` with the impacts written one by one, as far as there is room: (status, τ', v', their number)."""
     wall, w, start, now, back = SIGMA_PLUS, -v, tau, 0.0, 0
     for i in range(impacts.time.size):
         status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)

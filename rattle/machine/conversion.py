@@ -13,7 +13,7 @@ DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ω
 
 
 class Units(NamedTuple):
-    """What one unit of the model is in SI units; multiply by it.
+    """SI units of the model's units; multiply by them.
 
     length (m): of Φ along the line of action. time (s): a forcing period. velocity (m/s): of speeds, along the line of
     action. energy (J): of v²/2, for the kinetic energy of an impact. power (W): of v²/2 per forcing period. force (N):
@@ -30,18 +30,18 @@ class Units(NamedTuple):
 
 
 def damping(inertia: Any, drag: Any, speed: Any) -> Any:
-    """δ = 2πc/(IΩ), of a speed in rad/s."""
+    """Return δ = 2πc/(IΩ), of a speed in rad/s."""
     with np.errstate(divide="ignore", over="ignore"):  # what turns so slowly has no finite damping
         return np.divide(TWO_PI * drag, inertia * speed)
 
 
 def over_radius(length: Any, radius: Any, drive: str) -> Any:
-    """ε of an eccentricity, along the line of action."""
+    """Return ε of an eccentricity, along the line of action."""
     return DRIVES[drive] * length / radius
 
 
 def half_backlash(backlash: Any, radius: Any, drive: str) -> Any:
-    """β."""
+    """Return β."""
     return DRIVES[drive] * backlash / (2.0 * radius)
 
 

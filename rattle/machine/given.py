@@ -1,4 +1,4 @@
-"""What is given of a machine as plain numbers in SI units, and whether these can be meant."""
+"""Read the numbers of a machine as plain SI numbers, and decide whether these can be meant."""
 
 from typing import Any
 
@@ -25,8 +25,17 @@ IMPOSSIBLE = 1000.0
 
 
 def in_si(name: str, value: Any) -> float:
-    """A number in the unit of UNITS, from one or from a quantity of `pint`; raises ParameterError unless it is above 0,
-    or of the eccentricity at least 0.
+    """Return a number in the unit of UNITS, from one or from a quantity of `pint`.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    ParameterError
+        Unless it is above 0, or of the eccentricity at least 0.
     """
     if is_quantity(value):
         if name == "speed" and not any(angle in str(value.units) for angle in ANGLES):
@@ -39,7 +48,7 @@ def in_si(name: str, value: Any) -> float:
 
 
 def is_quantity(value: Any) -> bool:
-    """Whether this is a quantity of `pint`."""
+    """Return whether this is a quantity of `pint`."""
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
@@ -64,8 +73,9 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
 
 
 def require_slow(speed: float, radius: float, sure: bool) -> None:
-    """Raise ParameterError on a speed in rad/s at which nothing turns, or unless sure of the unit one that seems to be
-    in rpm.
+    """Raise ParameterError on a speed in rad/s at which nothing turns.
+
+    Or, unless sure of the unit, on one that seems to be in rpm.
     """
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"nothing turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")

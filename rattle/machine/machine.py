@@ -53,8 +53,9 @@ class MachineIntensity(NamedTuple):
 
 @dataclass(frozen=True, init=False)
 class Machine:
-    """A pair of equal gears: both have this inertia, this drag and this base radius, so the ratio is 1. A pair of
-    unlike gears is another model, which this is not. Numbers are in SI units, or quantities of `pint`.
+    """A pair of equal gears: both have this inertia, this drag and this base radius, so the ratio is 1.
+
+    A pair of unlike gears is another model, which this is not. Numbers are in SI units, or quantities of `pint`.
 
     inertia: kg m², of each gear with what turns with it. drag: N m s/rad, the drag torque of each over its speed.
     backlash, eccentricity: m along the line of action, the whole backlash, and the amplitude of the transmission error
@@ -122,7 +123,7 @@ class Machine:
 
     @property
     def added(self) -> dict[str, float]:
-        """What its model has beside δ, ε and β, by name."""
+        """Parameters that its model has beside δ, ε and β, by name."""
         from rattle.models import ADDED  # loads all gears: only for who asks
 
         given = {
@@ -162,11 +163,11 @@ class Machine:
         return self.gear.attractors(count, NATURAL, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
-        """How hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
+        """Return how hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
         return self.in_si(self.gear.intensity(motion, periods))
 
     def in_si(self, found: Intensity) -> MachineIntensity:
-        """An intensity of its gear in SI units."""
+        """Return an intensity of its gear in SI units."""
         units = self.units
         power = found.energy * units.power
         return MachineIntensity(

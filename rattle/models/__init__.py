@@ -28,6 +28,8 @@ OTHERS = (BETA.name, *ADDED)
 class CapabilityError(ParameterError):
     """Something that a model does not have; the message says which models have it."""
 
+    code = "model_lacks_capability"
+
 
 def owner_of(name: str) -> type[Model]:
     """Return the model that adds a parameter."""
@@ -36,6 +38,11 @@ def owner_of(name: str) -> type[Model]:
 
 def model_adding(names: Any) -> type[Model]:
     """Return the model that has these parameters beside δ, ε and β; the default one if there are none.
+
+    Returns
+    -------
+    type[Model]
+        The model.
 
     Raises
     ------
@@ -52,7 +59,7 @@ def model_adding(names: Any) -> type[Model]:
 
 
 def model_of(beta: float = 0.6, **added: float | None) -> Model:
-    """Return the model that has what is added, such as kappa=1e4; None stands for nothing. Raises ParameterError."""
+    """Return the model that has what is added; None stands for nothing. Raises ParameterError."""
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
     return model_adding(given)(beta, **given)
 

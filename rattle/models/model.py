@@ -1,4 +1,4 @@
-"""What a model of the gear is: its declaration, and what every model answers by the functions of its gear."""
+"""Define a model of the gear: its declaration, and the answers that every model gives by its gear's functions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Plane
+from rattle.attractors.basins import Basins, StatePlane
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty
 from rattle.attractors.reached import Reached
@@ -40,7 +40,7 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Capability(StrEnum):
-    """What not every model has; the words begin a sentence about it."""
+    """Features that not every model has; the words begin a sentence about them."""
 
     CLOSED_FORM = "closed forms of A to D are"
     PERIOD_ONE = "the motions A to D and the regions that they make are"
@@ -69,30 +69,62 @@ class AnyGear(Protocol):
     """A gear of any model at one parameter point: `rattle.Gear` says what each of these is."""
 
     @property
-    def delta(self) -> float: ...
+    def delta(self) -> float:
+        """Damping δ."""
+
     @property
-    def epsilon(self) -> float: ...
+    def epsilon(self) -> float:
+        """Eccentricity ε."""
+
     @property
-    def beta(self) -> float: ...
+    def beta(self) -> float:
+        """Half-backlash β."""
+
     @property
-    def parameters(self) -> Parameters: ...
+    def parameters(self) -> Parameters:
+        """All parameters of the point."""
+
     @property
-    def states(self) -> Plane: ...
+    def states(self) -> StatePlane:
+        """Plane of states with its classifier."""
+
     @property
-    def quiet_limit(self) -> float: ...
+    def quiet_limit(self) -> float:
+        """Eccentricity above which teeth cannot stay in contact."""
+
     @property
-    def sn1(self) -> float | None: ...
-    def region(self) -> int: ...
-    def orbits(self) -> tuple[Orbit, ...]: ...
-    def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic: ...
-    def saddle(self, orbit: Orbit) -> Periodic: ...
-    def impact(self, tau: float, v: float) -> Impact: ...
-    def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]: ...
-    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates: ...
-    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory: ...
+    def sn1(self) -> float | None:
+        """Eccentricity of SN1, None where it does not exist."""
+
+    def region(self) -> int:
+        """Return the number of the region, as `REGIONS` counts them."""
+
+    def orbits(self) -> tuple[Orbit, ...]:
+        """Return the motions A to D that exist."""
+
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
+        """Return the periodic motion near a departure."""
+
+    def saddle(self, orbit: Orbit) -> Periodic:
+        """Return an orbit of period one as a saddle with its manifolds' data."""
+
+    def impact(self, tau: float, v: float) -> Impact:
+        """Return the next impact on Σ⁺ after a departure."""
+
+    def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
+        """Return the first departure from Σ⁺ of a motion."""
+
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Return the states after n returns."""
+
+    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
+        """Return a motion sampled in time."""
+
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
-    ) -> tuple[Attractor, ...]: ...
+    ) -> tuple[Attractor, ...]:
+        """Return the attractors that a sample finds."""
+
     def basins(
         self,
         resolution: int | None = None,
@@ -101,12 +133,24 @@ class AnyGear(Protocol):
         impacts: int = 16,
         tau: Range | None = None,
         v: Range | None = None,
-    ) -> Basins: ...
-    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached: ...
-    def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty: ...
-    def intensity(self, motion: Motion, periods: float | None = None) -> Intensity: ...
-    def impacts(self, motion: Motion, periods: float | None = None) -> Impacts: ...
-    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density: ...
+    ) -> Basins:
+        """Return the basins of attraction."""
+
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
+        """Return the attractors that states go to."""
+
+    def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
+        """Return the uncertainty exponent of the basins."""
+
+    def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
+        """Return the intensity of a motion."""
+
+    def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
+        """Return the impacts of a motion."""
+
+    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
+        """Return the order spectrum of a motion."""
+
     def sound(
         self,
         motion: Motion,
@@ -115,21 +159,37 @@ class AnyGear(Protocol):
         rate: int = 44100,
         ring: float = 2000.0,
         decay: float = 0.005,
-    ) -> Array: ...
+    ) -> Array:
+        """Return the sound of a motion."""
 
 
 class Functions(Protocol):
-    """What a gear's package has, for arrays of parameters: each function takes δ and ε, or a curve's name or a segment,
-    and by name β and what the gear has besides. `rattle.impacting` and `rattle.stiff` are such packages.
+    """Functions of a gear's package, for arrays of parameters.
+
+    Each function takes δ and ε, or a curve's name or a segment, and by name β and what the gear has besides.
+    `rattle.impacting` and `rattle.stiff` are such packages.
     """
 
-    def period_one(self, *given: Any, **more: Any) -> PeriodOne: ...
-    def iterate_tangent(self, *given: Any, **more: Any) -> Stretched: ...
-    def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]: ...
-    def stretch(self, *given: Any, **more: Any) -> Array: ...
-    def diagram(self, *given: Any, **more: Any) -> Diagram[Any, Any]: ...
-    def describe(self, name: str) -> str: ...
-    def trace(self, *given: Any, **more: Any) -> Curve: ...
+    def period_one(self, *given: Any, **more: Any) -> PeriodOne:
+        """Return the motions A to D."""
+
+    def iterate_tangent(self, *given: Any, **more: Any) -> Stretched:
+        """Return states after n returns, with both exponents."""
+
+    def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
+        """Return whether quiet motion takes too many impacts to be told from chaos."""
+
+    def stretch(self, *given: Any, **more: Any) -> Array:
+        """Return the sums over the impacts of chaotic motions."""
+
+    def diagram(self, *given: Any, **more: Any) -> Diagram[Any, Any]:
+        """Return the bifurcation diagram along a segment."""
+
+    def describe(self, name: str) -> str:
+        """Describe a curve in words."""
+
+    def trace(self, *given: Any, **more: Any) -> Curve:
+        """Return a bifurcation curve."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +235,7 @@ class Model(ABC):
     compiled_at: ClassVar[tuple[float, ...]] = (0.1,)
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name, value in self.numbers.items():
             object.__setattr__(self, name, require_number(name, value, positive=True))
 
@@ -189,6 +250,7 @@ class Model(ABC):
         return asdict(self)
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return ", ".join(f"{each.long_name} = {self.numbers[each.name]:g}" for each in self.parameters())
 
     @property
@@ -198,7 +260,7 @@ class Model(ABC):
 
     @property
     def in_closed_form(self) -> bool:
-        """Whether A to D, and the regions and limits that follow from them, cost nothing."""
+        """True if A to D, and the regions and limits that follow from them, cost nothing."""
         return Capability.CLOSED_FORM in self.has
 
     @abstractmethod
@@ -247,8 +309,14 @@ class Model(ABC):
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
-        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones; of contacts
-        the impulses are those of the springs.
+        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones.
+
+        Of contacts the impulses are those of the springs.
+
+        Returns
+        -------
+        Array
+            The errors (n,).
         """
         return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
 

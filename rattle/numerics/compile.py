@@ -64,7 +64,7 @@ def _hash_without(left_out: set[str]) -> str:
 
 
 def toolchain() -> dict[str, str]:
-    """What the last bits of numbers depend on beside the sources: versions, and the processor with its features."""
+    """Return the versions and processor features that the last bits of numbers depend on, beside the sources."""
     features = binding.get_host_cpu_features()
     return {
         "python": platform.python_version(),
@@ -77,8 +77,14 @@ def toolchain() -> dict[str, str]:
 
 
 def _root() -> str:
-    """Return the directory that the environment names or the usual one; where that cannot be written, a directory for
-    temporary files of this user only.
+    """Return the directory that the environment names or the usual one.
+
+    Where that cannot be written, a directory for temporary files of this user only.
+
+    Returns
+    -------
+    str
+        Its path.
     """
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
@@ -103,8 +109,14 @@ def cache_directory() -> Path:
 
 @cache
 def can_be_kept() -> bool:
-    """Return whether the cache can be written; say so if not. Numba would take a directory beside the sources then,
-    where code can be stale.
+    """Return whether the cache can be written; say so if not.
+
+    Numba would take a directory beside the sources then, where code can be stale.
+
+    Returns
+    -------
+    bool
+        True if it can.
     """
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
@@ -144,6 +156,7 @@ class Inline:
             Inline.all.append(self)
 
     def __call__(self, *arguments: Any) -> Any:
+        """Run the compiled function."""
         return self._run(*arguments)
 
 
@@ -203,6 +216,11 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
     `FOR_TYPES` has all of them, and the docstring of `rattle.orbits.return_map` lists them with their places. Kernels
     are not passed as arguments instead: numba's cache on disk does not know those (docs/decisions/0018-stiff.md).
+
+    Returns
+    -------
+    Callable[[Callable[..., Any]], Callable[..., Any]]
+        A decorator.
     """
 
     def register(implementation: Callable[..., Any]) -> Callable[..., Any]:

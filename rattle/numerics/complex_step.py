@@ -19,7 +19,15 @@ def _steps(n: int) -> NDArray[np.complex128]:
 
 
 def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
-    """A real-analytic function (…, N) → (…, M) at x (…, N): value (…, M) and Jacobian (…, M, N), exact to rounding."""
+    """Return the value and the Jacobian of a real-analytic function (…, N) → (…, M) at x (…, N).
+
+    Value (…, M) and Jacobian (…, M, N), exact to rounding.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Value (…, M) and Jacobian (…, M, N), exact to rounding.
+    """
     values = function(x[..., None, :] + _steps(x.shape[-1]))
     return values[..., 0, :].real, values.imag.swapaxes(-1, -2) / COMPLEX_STEP
 
@@ -30,18 +38,24 @@ def batch_of(x: NDArray) -> NDArray[np.complex128]:
 
 
 def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
-    """What a kernel has made of `batch_of(x)`: its axis (k,) as in x (…, N), and real where x is."""
+    """Return the results of `batch_of(x)` in the shape of x: its axis (k,) as in x (…, N), and real where x is."""
     if x.ndim != 2:
         found = found.reshape(found.shape[:axis] + x.shape[:-1] + found.shape[axis + 1 :])
     return found if x.dtype.kind == "c" else found.real
 
 
 def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
-    """A smooth function (…,) that vanishes with det of the matrix (…, n, n): the last unknown of the system that is
-    bordered by a column and a row (…, n), or one for several matrices.
+    """Return a smooth function (…,) that vanishes with det of the matrix (…, n, n).
+
+    The last unknown of the system that is bordered by a column and a row (…, n), or one for several matrices.
 
     Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
     of Dynamical Equilibria (SIAM 2000).
+
+    Returns
+    -------
+    NDArray
+        The function's values.
     """
     n = matrix.shape[-1]
     system = np.zeros((*matrix.shape[:-2], n + 1, n + 1), matrix.dtype)

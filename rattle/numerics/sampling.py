@@ -17,10 +17,15 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 @lru_cache(maxsize=8)
 def sobol(count: int) -> NDArray[np.float64]:
-    """The first points of the unscrambled Sobol sequence in the unit square, in Gray code's order.
+    """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code's order.
 
     Those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every process that computes. The
     direction numbers of its first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo 2008).
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Points (n, 2).
     """
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))
@@ -37,15 +42,21 @@ def sobol(count: int) -> NDArray[np.float64]:
 
 
 def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The finaliser of SplitMix64: every output bit depends on all input bits (Steele, Lea and Flood 2014)."""
+    """Return the finaliser of SplitMix64: every output bit depends on all input bits (Steele, Lea and Flood 2014)."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
 
 
 def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-    """Independent numbers in [0, 1), (n, columns), of these rows (n,) of a stream: each follows from the seed (up to
-    128 bits), the stream, its row and its column alone.
+    """Return independent numbers in [0, 1) of these rows (n,) of a stream.
+
+    Each follows from the seed (up to 128 bits), the stream, its row and its column alone.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Numbers (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
     words: list[NDArray[np.uint64]] = [*_halves(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
@@ -80,11 +91,17 @@ def initial_conditions(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max), or of this range of phases and from this speed
-    on, for cells (n,): two arrays of shape (n, count).
+    """Return uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,).
+
+    Or of this range of phases and from this speed on.
 
     Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
+
+    Returns
+    -------
+    tuple[NDArray[np.float64], NDArray[np.float64]]
+        Two arrays of shape (n, count).
     """
     shifts, points = _shifts(seed, delta, epsilon, beta), sobol(count)
     x, y = (points[:, i] + shifts[:, i, None] for i in range(2))
@@ -98,8 +115,14 @@ def initial_conditions(
 def wilson_interval(
     successes: ArrayLike, count: ArrayLike, z: float = Z_95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast); z:
-    another point of the normal distribution.
+    """Return the 95 % Wilson score interval of a fraction, for successes out of count (arrays that broadcast).
+
+    z: another point of the normal distribution.
+
+    Returns
+    -------
+    tuple[NDArray[np.float64], NDArray[np.float64]]
+        Lower and upper ends.
     """
     n, k = real_array("count", count), real_array("successes", successes)
     require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")

@@ -17,7 +17,7 @@ Density = Callable[[Array, Array], ArrayLike]
 
 
 def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
-    """A box of states: ranges of phase within [0, 1] and of speed from 0 on. Raises ParameterError."""
+    """Return a box of states: ranges of phase within [0, 1] and of speed from 0 on. Raises ParameterError."""
     phases, speeds = require_pair("tau", tau), require_pair("v", v)
     require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
     require(0.0 <= speeds[0] < speeds[1], f"v must be (low, high) with 0 <= low < high, got {speeds}")
@@ -27,10 +27,26 @@ def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[flo
 def sampled_states(
     count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
 ) -> tuple[Array, Array]:
-    """So many states (τ, v), two arrays (count,): a low-discrepancy sample of the box of these ranges (low, high).
+    """Return so many states (τ, v): a low-discrepancy sample of the box of these ranges (low, high).
 
-    density: of arrays τ and v, not negative, to any scale; without one the sample is uniform. It is taken to be even in
-    each of 512 × 512 cells of the box, with its value at the centre. seed: shifts the sample. Raises ParameterError.
+    It is taken to be even in each of 512 × 512 cells of the box, with its value at the middle.
+
+    Parameters
+    ----------
+    density : Density | None
+        Of arrays τ and v, not negative, to any scale; without one the sample is uniform.
+    seed : int
+        Shifts the sample.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Two arrays (count,).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     count = require_integer("count", count, 1, MOST_STATES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
@@ -59,7 +75,7 @@ def _by_density(
 
 
 def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Where the distribution of these rows (rows, cells) of weights comes to a share (n,), and in which cell."""
+    """Return the places at which the distribution of these rows (rows, cells) reaches a share (n,), and their cells."""
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])
     want = share * total[row, -1]

@@ -13,10 +13,22 @@ MOST_SHOWN = 20  # columns in a message, and characters of each
 
 
 def read_columns(path: str | Path, names: Iterable[str], needed: str | None = None) -> dict[str, NDArray[np.float64]]:
-    """Those of the columns of these names that a table has, each (n,), in its order; names are not case-sensitive.
+    """Return those of the columns of these names that a table has, each (n,), in its order.
 
-    Raises ParameterError on what is no number, a column that is there twice, or a table without the needed column (of
-    any where none is named), and RattleError if the file cannot be read.
+    Names are not case-sensitive.
+
+    Returns
+    -------
+    dict[str, NDArray[np.float64]]
+        Columns by their names.
+
+    Raises
+    ------
+    ParameterError
+        On what is no number, a column that is there twice, or a table without the needed column (of any where none is
+        named).
+    RattleError
+        If the file cannot be read.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
@@ -43,7 +55,7 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
 
 
 def _shown(header: list[str]) -> str:
-    """The names of a header, or its beginning."""
+    """Return the names of a header, or its beginning."""
     shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
     return shown or "none: the table is empty"
 

@@ -1,8 +1,8 @@
-"""What any return map has: iterates and tangents, periodic orbits, saddles, manifolds."""
+"""Handle any return map: iterates and tangents, periodic orbits, saddles, manifolds."""
 
-from rattle.orbits.period_one import PAPER_REGIONS, in_words
+from rattle.orbits.period_one import PAPER_REGIONS, region_in_words
 
 __all__ = [
     "PAPER_REGIONS",
-    "in_words",
+    "region_in_words",
 ]

@@ -9,10 +9,14 @@ from rattle.orbits.return_map import inverse_step, step
 
 @kernel
 def images(tau, v, steps, turns, backwards, point):
-    """Π^steps, or Π^−steps if backwards, of flat arrays at one parameter point: (ok, τ, v, word, impacts on Σ⁻).
+    """Return Π^steps, or Π^−steps if backwards, of flat arrays at one parameter point.
 
-    τ is not folded: the time taken less `turns` forcing periods for all the steps, so that it depends continuously on
-    the state. word is a hash of the numbers of impacts on Σ⁻ in each step: equal words, one smooth piece.
+    τ is not folded: the time taken less `turns` forcing periods for all the steps, so that neighbours stay neighbours.
+
+    Returns
+    -------
+    result
+        (ok, τ, v, word, impacts on Σ⁻).
     """
     n = tau.size
     ok, out_tau, out_v = np.ones(n, np.bool_), np.empty(n), np.empty(n)

@@ -1,4 +1,4 @@
-"""What a return map gives for arrays of states, and motions sampled in time."""
+"""Results of a return map for arrays of states, and motions sampled in time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Returned(NamedTuple):
 
 
 class Stretched(NamedTuple):
-    """As `Iterates`, with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
+    """`Iterates` with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -114,10 +114,23 @@ def sampled_motion(
     periods: float,
     points: int,
 ) -> Trajectory:
-    """A motion of either model from (τ, v) on, sampled at so many points.
+    """Return a motion of either model from (τ, v) on, sampled at so many points.
 
-    sampled: a kernel that takes (τ, v), parameters, the times and arrays for Φ and Φ' (points,), and for time, wall and
-    speed of the impacts; returns its status, how many impacts there were, and when the motion came to rest.
+    Parameters
+    ----------
+    sampled : Callable[..., tuple[int, int, float]]
+        A kernel that takes (τ, v), parameters, the times and arrays for Φ and Φ' (points,), and for time, wall and
+        speed of the impacts; returns its status, how many impacts there were, and when the motion came to rest.
+
+    Returns
+    -------
+    Trajectory
+        The motion.
+
+    Raises
+    ------
+    RattleError
+        If the motion makes too many impacts.
     """
     v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
     require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
@@ -138,8 +151,9 @@ def sampled_motion(
 
 
 class Impact(NamedTuple):
-    """One step of the impact map: (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and
-    the time taken.
+    """One step of the impact map.
+
+    (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken.
     """
 
     tau: float

@@ -64,7 +64,7 @@ class _Level:
 
     @property
     def split(self) -> NDArray[np.bool_]:
-        """Whether a corner lies between each two neighbours (n − 1,)."""
+        """Flags (n − 1,) of corners between neighbours."""
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _corners(self) -> bool:
@@ -113,13 +113,33 @@ def manifold(
     angle: float = 0.2,
     unit: float = 1.0,
 ) -> Manifold:
-    """One side of the "stable" or "unstable" manifold of a saddle, up to this arclength in (τ, v) (dimensionless).
+    """Return one side of the "stable" or "unstable" manifold of a saddle.
 
-    side: +1 leaves the saddle towards rising v (rising τ where v does not change), −1 the other way. spacing: largest
-    distance of neighbours; angle: largest turn, radians. unit: the speed that is as far as a forcing period, for all
-    three: where speeds are far from 1, a seventh of the largest that is looked at. It ends earlier in a stable motion
-    or at rest. A tongue that crosses Γ and returns within one spacing can be missed. Raises ParameterError if the orbit
-    is no saddle, and RattleError if it is too close to grazing or needs too many points.
+    Up to this arclength in (τ, v) (dimensionless).
+
+    It ends earlier in a stable motion or at rest. A tongue that crosses Γ and returns within one spacing can be missed.
+
+    Parameters
+    ----------
+    side : int
+        +1 leaves the saddle towards rising v (rising τ where v does not change), −1 the other way.
+    spacing : float
+        Largest distance of neighbours; angle: largest turn, radians.
+    unit : float
+        The speed that is as far as a forcing period, for all three: where speeds are far from 1, a seventh of the
+        largest that is looked at.
+
+    Returns
+    -------
+    Manifold
+        The manifold.
+
+    Raises
+    ------
+    ParameterError
+        If the orbit is no saddle.
+    RattleError
+        If it is too close to grazing or needs too many points.
     """
     require(kind in ("stable", "unstable"), f"kind must be stable or unstable, got {kind!r}")
     require(side in (1, -1), f"side must be +1 or -1, got {side!r}")

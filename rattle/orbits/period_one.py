@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.notebook import Columns, html, html_of, line_of, motion
+from rattle.notebook import Columns, html, html_of, line_of, motion_label
 
 NAMES = ("A", "B", "C", "D")
 N_MINUS = (0, 1, 0, 1)
@@ -19,8 +19,8 @@ class Orbit(NamedTuple):
     """A period-one orbit P(m, n_plus, n_minus) of the impact map, at one of its impacts on Σ⁺.
 
     tau is the phase in [0, 1), v > 0 the speed after impact (units: gap coordinate per forcing period), multipliers
-    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)). delta, epsilon, beta, kappa: where it
-    is, stiffness infinite in the impacting model.
+    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)). delta, epsilon, beta: where it is;
+    added: the other parameters of its model, by name.
     """
 
     name: str
@@ -34,16 +34,18 @@ class Orbit(NamedTuple):
     delta: float
     epsilon: float
     beta: float
-    kappa: float
+    added: Mapping[str, float]
 
     def _caption(self) -> str:
         kind = "stable" if self.stable else "unstable"
-        return f"{self.name}: {motion(self.m, self.n_plus, self.n_minus)}, {kind}, τ = {self.tau:.6g}, v = {self.v:.6g}"
+        label = motion_label(self.m, self.n_plus, self.n_minus)
+        return f"{self.name}: {label}, {kind}, τ = {self.tau:.6g}, v = {self.v:.6g}"
 
     def _columns(self) -> Columns:
         return orbit_columns((self,))
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -51,10 +53,10 @@ class Orbit(NamedTuple):
 
 
 def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
-    """The table of orbits, a row each."""
+    """Return the table of orbits, a row each."""
     return {
         "orbit": [each.name for each in orbits],
-        "motion": [motion(each.m, each.n_plus, each.n_minus) for each in orbits],
+        "motion": [motion_label(each.m, each.n_plus, each.n_minus) for each in orbits],
         "tau": [each.tau for each in orbits],
         "v": [each.v for each in orbits],
         "multiplier_1": [each.multipliers[0] for each in orbits],
@@ -88,7 +90,15 @@ SQUARED = 1e150  # of a trace beyond it the square is no number, and the determi
 
 
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
-    """Both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis; no cancellation."""
+    """Return both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis.
+
+    No cancellation.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        Roots (2, …).
+    """
     t, d = np.broadcast_arrays(np.asarray(trace, np.float64), np.asarray(determinant, np.float64))
     with np.errstate(over="ignore"):
         root = np.sqrt((t * t / 4 - d).astype(np.complex128))
@@ -108,18 +118,23 @@ _CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SET
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
-    """Region of each parameter point, as its number in REGIONS, from its period-one orbits.
+    """Return the region of each parameter point, as its number in REGIONS, from its period-one orbits.
 
-    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set of orbits
-    is a region of its own, named by it: ABD.
+    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set has a
+    number of its own.
+
+    Returns
+    -------
+    NDArray[np.int8]
+        Number of each region.
     """
     region = np.asarray(_CODES[np.tensordot(1 << np.arange(len(NAMES)), orbits.exists, 1)])
     region[orbits.exists.all(axis=0) & ~orbits.stable[3]] = REGIONS.index("IV")
     return region
 
 
-def in_words(region: int) -> str:
-    """A region in a sentence: region III; or orbits A, B and D, no region of the paper."""
+def region_in_words(region: int) -> str:
+    """Return a region in a sentence: region III; or orbits A, B and D, no region of the paper."""
     name = REGIONS[region]
     if name in PAPER_REGIONS:
         return f"region {name}"
@@ -139,10 +154,10 @@ class HasOrbits(Protocol):
         """Its code in REGIONS."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Those of period one that happen."""
+        """Return those of period one that happen."""
 
 
 def html_of_point(gear: HasOrbits) -> str:
-    """What a notebook shows of a gear."""
-    caption = f"{gear!r}: {in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
+    """Return the HTML that a notebook shows for a gear."""
+    caption = f"{gear!r}: {region_in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
     return html(caption, orbit_columns(gear.orbits()))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.flight import law
 from rattle.flight.impact_law import ELASTIC, ImpactLaw
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion_label
 from rattle.numerics.complex_step import Array, derivatives
 from rattle.orbits.period_one import multipliers_of
 
@@ -56,27 +56,27 @@ class Equations(ABC):
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
-        """The itinerary of a motion of the same gear with other walls, and perhaps another period."""
+        """Return the itinerary of a motion of the same gear with other walls, and perhaps another period."""
         return replace(self, walls=walls, m=self.m if m is None else m)
 
     def begun_at(self, first: int) -> Self:
-        """The itinerary of the same motion, begun at impact number `first`."""
+        """Return the itinerary of the same motion, begun at impact number `first`."""
         return self.with_walls(self.walls[first:] + self.walls[:first])
 
     def without(self, impact: int) -> Self:
-        """The itinerary of the motion that just fails to make this impact."""
+        """Return the itinerary of the motion that just fails to make this impact."""
         return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
 
     def with_impact(self, impact: int, wall: int) -> Self:
-        """The itinerary with one impact more, which becomes number `impact`."""
+        """Return the itinerary with one impact more, which becomes number `impact`."""
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
     def doubled(self) -> Self:
-        """The itinerary twice over."""
+        """Return the itinerary twice over."""
         return self.with_walls(self.walls * 2, 2 * self.m)
 
     def divided(self, parts: int) -> Self:
-        """The itinerary of a motion that this one is `parts` times over."""
+        """Return the itinerary of a motion that this one is `parts` times over."""
         return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 
@@ -92,8 +92,15 @@ def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if the
-    walls are the same from there, and some forcing periods earlier or later, near x.
+    """Return all ways (…, N) to write the motion with unknowns start (N,), times first.
+
+    It may begin at another impact, if the walls are the same from there, and some forcing periods earlier or later,
+    near x.
+
+    Returns
+    -------
+    Array
+        Solutions (…, N).
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -145,7 +152,15 @@ class Periodic(ABC):
 
     @classmethod
     def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
-        """The motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map."""
+        """Return the motion of a solution x (n + 2,) of its equations, with the trace of its tangent map.
+
+        Time is folded.
+
+        Returns
+        -------
+        Self
+            The motion.
+        """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
         large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_of(trace, determinant)
@@ -195,25 +210,35 @@ class Periodic(ABC):
 
     @property
     def stable(self) -> bool:
-        """Whether the motion exists and attracts."""
+        """True if the motion exists and attracts."""
         return self.admissible and abs(self.multipliers[0]) < 1.0
 
     def _caption(self) -> str:
         kind = "stable" if self.stable else "unstable" if self.admissible else "virtual"
-        return f"{motion(*self.label)} at δ = {self.delta:.6g}, ε = {self.epsilon:.6g}, {kind}"
+        return f"{motion_label(*self.label)} at δ = {self.delta:.6g}, ε = {self.epsilon:.6g}, {kind}"
 
     def _columns(self) -> Columns:
         return {"wall": self.walls, "departure": self.departures, "speed": self.speeds}
 
     def __repr__(self) -> str:
+        """Return a one-line description."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each impact or contact: its wall, and when and how fast the motion leaves it. Raises
-        MissingExtraError without pandas.
+        """Return a row for each impact or contact: its wall, and when and how fast the motion leaves it.
+
+        Returns
+        -------
+        DataFrame
+            The table.
+
+        Raises
+        ------
+        MissingExtraError
+            Without pandas.
         """
         return dataframe_of(self)
 

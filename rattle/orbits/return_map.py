@@ -41,12 +41,12 @@ def inverse_step(tau, v, point):
 
 
 def point_of(cell, cells):
-    """The parameter point of a cell."""
+    """Return the parameter point of a cell."""
     raise NotImplementedError("for kernels only")
 
 
 def between(share, one, other):
-    """The parameter point at this share of the straight way from one to another."""
+    """Return the parameter point at this share of the straight way from one to another."""
     raise NotImplementedError("for kernels only")
 
 
@@ -68,7 +68,7 @@ def power_map(tau, v, k, point):
 
 @kernel
 def newton(tau, v, k, point):
-    """Fixed point of Π^k near (τ, v): (found, τ, v)."""
+    """Return the fixed point of Π^k near (τ, v): (found, τ, v)."""
     size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
         status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
@@ -94,7 +94,7 @@ def newton(tau, v, k, point):
 
 @kernel
 def log_multipliers(trace, log_det):
-    """ln|λ| of both multipliers, the larger first."""
+    """Return ln|λ| of both multipliers, the larger first."""
     determinant = math.exp(log_det)
     inside = 0.25 * trace * trace - determinant
     if inside <= 0.0:
@@ -105,7 +105,7 @@ def log_multipliers(trace, log_det):
 
 @kernel
 def shortest_return(tau, v, k, point):
-    """The smallest divisor of k after which the orbit closes."""
+    """Return the smallest divisor of k after which the orbit closes."""
     t, speed, unit = tau, v, speed_unit(point.delta, point.epsilon, point.beta)
     for d in range(1, k // 2 + 1):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -118,7 +118,7 @@ def shortest_return(tau, v, k, point):
 
 @kernel
 def fastest_point(tau, v, k, point):
-    """The orbit's impact of largest speed, so that the same orbit is always represented by the same point."""
+    """Return the orbit's impact of largest speed, so that the same orbit is always represented by the same point."""
     best_tau, best_v = tau, v
     for _ in range(k):
         _status, tau, v, _time, _below = step(tau, v, point)

@@ -27,8 +27,10 @@ MOST_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class Local:
-    """W(s) for |s| ≤ size: powers (DEGREE + 1, 2) of s/size of (τ, v); multiplier λ of F, which is `steps` impacts on
-    Σ⁺, forwards or backwards, in `turns` forcing periods. residual: largest |F(W(s/λ)) − W(s)|.
+    """W(s) for |s| ≤ size: powers (DEGREE + 1, 2) of s/size of (τ, v).
+
+    Multiplier λ of F, which is `steps` impacts on Σ⁺, forwards or backwards, in `turns` forcing periods. residual:
+    largest |F(W(s/λ)) − W(s)|.
     """
 
     orbit: Periodic
@@ -69,8 +71,14 @@ def tangent(orbit: Periodic) -> Array:
 
 
 def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
-    """Unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier, towards rising v (rising τ where
-    v does not change).
+    """Return the unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier.
+
+    Towards rising v (rising τ where v does not change).
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The unstable and the stable one.
     """
     values, vectors = np.linalg.eig(tangent(orbit))
     unstable, stable = (np.real(vectors[:, i]) for i in np.argsort(-np.abs(values)))
@@ -79,10 +87,21 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
 
 
 def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
-    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size,
-    v counted in units of this speed.
+    """Return the local manifold of a saddle.
 
-    Raises ParameterError if the orbit is no saddle, RattleError if it is too close to grazing.
+    It reaches as far as a series of degree 10 has a residual of 1e-12 of its size, v counted in units of this speed.
+
+    Returns
+    -------
+    Local
+        The series.
+
+    Raises
+    ------
+    ParameterError
+        If the orbit is no saddle.
+    RattleError
+        If it is too close to grazing.
     """
     large, small = orbit.multipliers
     saddle = orbit.admissible and np.isfinite(large) and abs(large) > 1.0 > abs(small) > 0.0
@@ -106,9 +125,14 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
 
 
 def _solved(start: Local, size: float, derivative: Array) -> Local | None:
-    """The series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
+    """Return the series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
 
     Order by order W_k changes by (λ^k − DF)⁻¹ of the residual's power k, which is Newton's step but for the bend of F.
+
+    Returns
+    -------
+    Local | None
+        The series, or None.
     """
     x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     solve = np.linalg.pinv(np.vander(x, DEGREE + 1, increasing=True)[:, 2:])

@@ -1,15 +1,16 @@
-"""The paper, checked: every number and statement of Mason and Piiroinen (2009) beside what is computed, and where it is
-wrong or incomplete.
+"""Check the paper: every number and statement of Mason and Piiroinen (2009) beside its computed value.
+
+With findings where it is wrong or incomplete.
 """
 
 from rattle.paper.document import RULE, difference, markdown, value, verdict
-from rattle.paper.records import Evidence, Finding, Number, Report, Statement
+from rattle.paper.records import Finding, FindingEvidence, Number, Report, Statement
 from rattle.paper.report import one_finding, report
 
 __all__ = [
     "RULE",
-    "Evidence",
     "Finding",
+    "FindingEvidence",
     "Number",
     "Report",
     "Statement",

@@ -29,7 +29,7 @@ class Birth(NamedTuple):
 
 @cache
 def birth_of_chaos() -> Birth:
-    """What becomes of the P(2,2,1) that attracts at ε = 0.0945 as ε grows."""
+    """Return the fate of the P(2,2,1) that attracts at ε = 0.0945 as ε grows."""
     for seen in Gear(DELTA, FROM).attractors(count=256):
         if (seen.m, seen.n_plus, seen.n_minus) == (2, 2, 1):
             break

@@ -1,4 +1,4 @@
-"""Where the chaotic attractor ends: a boundary crisis.
+"""Find the end of the chaotic attractor: a boundary crisis.
 
 Above it the chaotic set still exists but leaks, ever more slowly towards the crisis, so sampling gives an interval. At
 its upper end trajectories were seen to leave; at its lower end none did, and the end of the attractor lies below the
@@ -32,27 +32,38 @@ def on_chaos(delta: float, epsilon: float, count: int) -> States:
     return states.tau, states.v
 
 
-def settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which states are on a motion that repeats after RETURNS impacts at most, or bounce at hardly any speed."""
+def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return flags of states on a motion that repeats after RETURNS impacts at most, or bounces at hardly any speed."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
 
 
 def leaks(delta: float, epsilon: float, start: States) -> bool:
-    """Does the chaotic set that these states have reached after BEFORE impacts let any of them go in IMPACTS more?
+    """Return whether the chaotic set that these states have reached after BEFORE impacts leaks in IMPACTS more.
 
     True as well where all have gone before the watch.
+
+    Returns
+    -------
+    bool
+        True if any of them goes.
     """
     near = rattle.iterate(delta, epsilon, *start, BEFORE)
-    left = ~settled(delta, epsilon, near.tau, near.v)
+    left = ~has_settled(delta, epsilon, near.tau, near.v)
     end = rattle.iterate(delta, epsilon, near.tau[left], near.v[left], IMPACTS)
-    return bool(not left.any() or settled(delta, epsilon, end.tau, end.v).any())
+    return bool(not left.any() or has_settled(delta, epsilon, end.tau, end.v).any())
 
 
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
-    """Interval of ε, of at most this width, that holds the end of the chaotic attractor that exists at low and not at
-    high: bisection on `leaks`.
+    """Return an interval of ε that holds the end of the chaotic attractor that exists at low and not at high.
+
+    At most of this width, by bisection on `leaks`.
+
+    Returns
+    -------
+    tuple[float, float]
+        Both ends.
     """
     start = on_chaos(delta, low, WATCHED)
     while high - low > width:

@@ -20,19 +20,19 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """The computed value to ten decimals, and whether it is proved, or both ends of the interval to seven."""
+    """Return the computed value to ten decimals, and whether it is proved, or both ends of the interval to seven."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
 def difference(number: Number) -> str:
-    """Computed less stated, to two decimals more than the paper gives."""
+    """Return computed less stated, to two decimals more than the paper gives."""
     return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
 
 
 def verdict(report: Report, number: Number) -> str:
-    """The verdict, with the number of the finding that explains it."""
+    """Return the verdict, with the number of the finding that explains it."""
     return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
 
 
@@ -42,7 +42,7 @@ def cell(text: str) -> str:
 
 
 def markdown(report: Report) -> str:
-    """The whole document."""
+    """Return the whole document."""
     numbers = [
         f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
         for x in report.numbers

@@ -14,14 +14,14 @@ INSTANTS = 201
 
 
 def smallest(delta: float, epsilon: float, phase: float, velocity: float, time: float) -> float:
-    """The smallest Φ'' at INSTANTS of a flight that leaves either wall like this and lasts so long."""
+    """Return the smallest Φ'' at INSTANTS of a flight that leaves either wall like this and lasts so long."""
     s = np.linspace(0.0, time, INSTANTS)
     decaying = delta * (DRIFT - TWO_PI * epsilon * np.sin(TWO_PI * phase) - velocity)
     values = decaying * np.exp(-delta * s) - TWO_PI**2 * epsilon * np.cos(TWO_PI * (phase + s))
     return float(values.min())
 
 
-class Impacts(NamedTuple):
+class ReferenceImpacts(NamedTuple):
     """One step of Π: the wall and time of every impact after leaving Σ⁺, and the smallest Φ'' on the way."""
 
     walls: tuple[int, ...]
@@ -29,7 +29,7 @@ class Impacts(NamedTuple):
     smallest: float
 
 
-def step(delta: float, epsilon: float, tau: float, v: float) -> Impacts:
+def reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
     """Π of (τ, v), impact by impact."""
     gear, wall, phase, velocity = Gear(delta, epsilon), 1, tau, -v
     walls: list[int] = []
@@ -41,12 +41,13 @@ def step(delta: float, epsilon: float, tau: float, v: float) -> Impacts:
         wall, phase, velocity = flown.next_wall, phase + flown.flight_time, -flown.impact_velocity
         walls.append(wall)
         times.append(phase - tau)
-    return Impacts(tuple(walls), tuple(times), low)
+    return ReferenceImpacts(tuple(walls), tuple(times), low)
 
 
-class Worst(NamedTuple):
-    """Over all cells with an orbit: its smallest Φ'' and where, the share of the cells in which it is negative, and the
-    smallest ε of those.
+class WorstFlight(NamedTuple):
+    """Over all cells with an orbit.
+
+    Its smallest Φ'' and where, the share of the cells in which it is negative, and the smallest ε of those.
     """
 
     name: str
@@ -57,17 +58,22 @@ class Worst(NamedTuple):
     first: float
 
 
-def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[Worst, ...]:
+def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
     """For A, B, C and D over cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])
         low = np.array(
-            [step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest for i in here]
+            [
+                reference_step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest
+                for i in here
+            ]
         )
         worst, negative = here[low.argmin()], here[low < 0]
         first = float(epsilon[negative].min()) if negative.size else np.nan
         found.append(
-            Worst(name, float(low.min()), float(delta[worst]), float(epsilon[worst]), negative.size / here.size, first)
+            WorstFlight(
+                name, float(low.min()), float(delta[worst]), float(epsilon[worst]), negative.size / here.size, first
+            )
         )
     return tuple(found)

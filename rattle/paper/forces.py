@@ -6,8 +6,8 @@ import numpy as np
 
 import rattle
 from rattle.paper import flights, formulas
-from rattle.paper.plane import WINDOW, cells
-from rattle.paper.records import Evidence, Finding, Statement
+from rattle.paper.plane import WINDOW, plane_cells
+from rattle.paper.records import Finding, FindingEvidence, Statement
 
 EXAMPLE = (0.4, 0.25, 0.32, 5.82)  # δ, ε, τ, v: leaves Σ⁻ and meets it again
 JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)  # δ, ε, τ, and speeds on both sides of a flight that touches Σ⁺ from below
@@ -15,7 +15,7 @@ JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)  # δ, ε, τ, and speeds on both sides of a 
 
 def convexity() -> Finding:
     """Φ'' > 0."""
-    delta, epsilon = cells(60, 60)
+    delta, epsilon = plane_cells(60, 60)
     worst = flights.along_orbits(delta, epsilon, rattle.period_one(delta, epsilon))
     first = min(w.first for w in worst)
     column = np.linspace(0.06, 0.3, 241)
@@ -34,17 +34,17 @@ def convexity() -> Finding:
         "and 9 no such flight was found.",
         (
             *(
-                Evidence(
+                FindingEvidence(
                     f"{w.name}: smallest Φ'' {w.smallest:.2f}, at δ = {w.delta:.3f}, ε = {w.epsilon:.4f}; negative in "
                     f"{w.negative:.1%} of the cells where {w.name} exists",
                     w.smallest < 0,
                 )
                 for w in worst
             ),
-            Evidence(
+            FindingEvidence(
                 f"on these orbits negative from ε = {first:.4f} up; at δ = 0.6 from {up:.3f} up", 0.1 < first < up
             ),
-            Evidence(
+            FindingEvidence(
                 "flights of 500 random states at each of (δ, ε) = (0.6, 0.056), (0.6, 0.1), (0.762, 0.0974): "
                 f"Φ'' ≥ {low:.2f}",
                 low > 0,
@@ -56,11 +56,11 @@ def convexity() -> Finding:
 def _smallest(delta: float, epsilon: float) -> float:
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)
-    return min(flights.step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
+    return min(flights.reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
 
 
 def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
-    """The speed v between low and high at which Π jumps, and the speeds after it on both sides; by bisection."""
+    """Return the speed v between low and high at which Π jumps, and the speeds after it on both sides; by bisection."""
 
     def after(v: float) -> float:
         return float(rattle.iterate(delta, epsilon, tau, v, 1).v)
@@ -77,10 +77,10 @@ def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> 
 
 
 def impact_map() -> Finding:
-    """A fourth kind of flight, and a jump."""
+    """Return a fourth kind of flight, and a jump."""
     v, below, above = _jump(*JUMP)
-    step = flights.step(*EXAMPLE)
-    delta, epsilon = cells(300, 150)
+    step = flights.reference_step(*EXAMPLE)
+    delta, epsilon = plane_cells(300, 150)
     random = np.random.default_rng(0)
     count = rattle.iterate(
         delta, epsilon, random.random((8, delta.size)), 7 * random.random((8, delta.size)), 1
@@ -98,18 +98,18 @@ def impact_map() -> Finding:
         "maximum of a flight touches Σ⁺, Π jumps: on one side of that state the flight ends there at speed 0, on the "
         "other it goes on.",
         (
-            Evidence(
+            FindingEvidence(
                 "δ = {}, ε = {}, from Σ⁺ at phase {} with speed {}: ".format(*EXAMPLE)
                 + f"{names} after {times} periods",
                 step.walls[:2] == (-1, -1),
             ),
-            Evidence(
+            FindingEvidence(
                 "δ = {}, ε = {}, phase {}: ".format(*JUMP)
                 + f"at v = {v:.9f} the speed after Π jumps from {abs(below):.3f} "
                 f"to {above:.3f}",
                 abs(above - below) > 0.1,
             ),
-            Evidence(
+            FindingEvidence(
                 f"Σ⁻ twice: {share:.4%} of {count.size} random states over Figure 7's plane, all at more "
                 f"than {math.floor(least * 100) / 100:.2f} of the quiet limit",
                 bool(share > 0 and least > 1),
@@ -118,15 +118,15 @@ def impact_map() -> Finding:
     )
 
 
-def contact_force() -> Finding:
-    """g > 0 and (3.13)."""
+def contact_force_statement() -> Finding:
+    """Return g > 0 and (3.13)."""
     delta = np.linspace(*WINDOW[0], 2001)
     top = WINDOW[1][1]
     beyond = float(np.clip(1 - rattle.quiet_limit(delta) / top, 0, 1).mean())
     least = 2 * delta**2 / (delta**2 + 4 * np.pi**2)
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
-    at = float(formulas.acceleration(phase, 0.0, 0.4, 0.2).min())
+    at = float(formulas.acceleration_by_formula(phase, 0.0, 0.4, 0.2).min())
     born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # the one that there is
     return Finding(
         "contact force",
@@ -138,9 +138,11 @@ def contact_force() -> Finding:
         "Above it there is no quiet motion at all, which the paper does not say. (3.13) for v → 0 is ε > 2δ²/(δ² + "
         "4π²); it fails only at small ε inside region I.",
         (
-            Evidence(f"quiet motion is impossible in {beyond:.1%} of Figure 7's plane", 0.2 < beyond < 0.3),
-            Evidence(f"δ = 0.4, ε = 0.2: Φ'' on departure at small speed is {at:.2f} at its worst phase", at < 0),
-            Evidence(
+            FindingEvidence(f"quiet motion is impossible in {beyond:.1%} of Figure 7's plane", 0.2 < beyond < 0.3),
+            FindingEvidence(
+                f"δ = 0.4, ε = 0.2: Φ'' on departure at small speed is {at:.2f} at its worst phase", at < 0
+            ),
+            FindingEvidence(
                 f"(3.13) fails for v → 0 in {never:.1%} of the plane, up to ε = {least[-1]:.4f} at δ = 1; all of it "
                 "in region I",
                 bool(never > 0.05 and (least < born).all()),
@@ -150,7 +152,7 @@ def contact_force() -> Finding:
 
 
 def factor_three() -> Finding:
-    """The change of speed in a small bounce, and how fast bouncing dies."""
+    """Return the change of speed in a small bounce, and how fast bouncing dies."""
     orders = formulas.orders()
     rate, periods = formulas.decay(0.02, 1_500_000)
     third, printed = (formulas.decay_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))
@@ -165,17 +167,17 @@ def factor_three() -> Finding:
         "through Φ'' that is a change of Φ'(t̄) of the same order as the one that is kept. Summed up, v³ e^(δt)/g(t) "
         "is conserved, so below the quiet limit v always falls, by e^(−δ/3) per forcing period (energy by e^(−2δ/3)).",
         (
-            Evidence(
+            FindingEvidence(
                 f"error of the printed formula falls as v^{orders.printed:.2f}: its v² term is wrong; with f/3g as "
                 f"v^{orders.third:.2f}",
                 abs(orders.printed - 2) < 0.1 and abs(orders.third - 3) < 0.1,
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = {damping}, ε = {formulas.EPSILON}, 1.5 million exact bounces from v = 0.02, {periods:.1f} "
                 f"periods: ln v falls by {rate:.5f} per period; δ/3 = {damping / 3:.5f}",
                 abs(rate - damping / 3) < 1e-4,
             ),
-            Evidence(
+            FindingEvidence(
                 f"bounces by the formula with f/3g: {third:.3f} per period, with the printed f/g {printed:.3f}, near "
                 f"δ = {damping}",
                 abs(third - damping / 3) < 0.02 and abs(printed - damping) < 0.04,
@@ -197,7 +199,7 @@ def extremes_of_f() -> Finding:
         "f_min, f_max = 2v² (−δ² (v + 4π) ∓ 2πε (δ² + 4π²)) (3.11, 3.12).",
         "From (3.9), f_min, f_max = 2 (−δ² (v + 4π) ∓ 2πε (δ² + 4π²)). Signs, and so (3.13), are not affected.",
         (
-            Evidence(
+            FindingEvidence(
                 f"v = {v}, δ = {delta}, ε = {epsilon}: (3.9) over all phases from {values.min():.6f} to "
                 f"{values.max():.6f}, without v² {right[0]:.6f} and {right[1]:.6f}",
                 off < 1e-9,
@@ -207,7 +209,7 @@ def extremes_of_f() -> Finding:
 
 
 def formulas_that_hold() -> tuple[Statement, ...]:
-    """What the paper derives correctly in section 3.1.1 and in (4.1)."""
+    """Return the statements that the paper derives correctly in section 3.1.1 and in (4.1)."""
     orders = formulas.orders()
     delta = np.linspace(0.4, 0.77, 38)
     sn1 = np.abs(2 - delta / np.tanh(delta / 2))

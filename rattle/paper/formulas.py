@@ -25,7 +25,7 @@ SPEEDS = (2.0**-8, 2.0**-9)
 Array = NDArray[np.float64]
 
 
-def acceleration(phase: Array, v: float, delta: float, epsilon: float) -> Array:
+def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
     """Φ'' on departure: the bracket of (3.7), and the denominator of (3.8) with its sign put right."""
     return (
         delta * v
@@ -45,12 +45,13 @@ def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
     """(3.10) as printed: the square of Φ'' on departure."""
-    return acceleration(phase, v, delta, epsilon) ** 2
+    return acceleration_by_formula(phase, v, delta, epsilon) ** 2
 
 
 class Orders(NamedTuple):
-    """Measured orders of what is left out: of Φ by (3.6), Φ' by (3.7) as h → 0; of the time by (3.8), and of the speed
-    by v + (f/g) v² and by v + (f/3g) v², as v → 0.
+    """Measured orders of what is left out: of Φ by (3.6), Φ' by (3.7) as h → 0.
+
+    Of the time by (3.8), and of the speed by v + (f/g) v² and by v + (f/3g) v², as v → 0.
     """
 
     displacement: float
@@ -61,14 +62,14 @@ class Orders(NamedTuple):
 
 
 def orders() -> Orders:
-    """At δ = 0.6, ε = 0.1: two steps h of one departure speed, two speeds of whole bounces."""
+    """Return at δ = 0.6, ε = 0.1: two steps h of one departure speed, two speeds of whole bounces."""
     expansions = np.array([_expansion_residuals(h) for h in STEPS])
     bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
 
 
 def _expansion_residuals(h: float) -> tuple[float, float]:
-    rate = acceleration(PHASES, SPEED, DELTA, EPSILON)
+    rate = acceleration_by_formula(PHASES, SPEED, DELTA, EPSILON)
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
         sine, cosine = math.sin(TWO_PI * phase), math.cos(TWO_PI * phase)
@@ -85,7 +86,7 @@ def _bounce_residuals(v: float) -> tuple[float, float, float]:
     time = np.array([b.flight_time for b in bounces])
     speed = np.array([b.impact_velocity for b in bounces])
     change = f(PHASES, v, DELTA, EPSILON) / g(PHASES, v, DELTA, EPSILON) * v**2
-    late = time - 2 * v / acceleration(PHASES, v, DELTA, EPSILON)
+    late = time - 2 * v / acceleration_by_formula(PHASES, v, DELTA, EPSILON)
     return _largest(late), _largest(speed - v - change), _largest(speed - v - change / 3)
 
 
@@ -94,13 +95,18 @@ def _largest(values: Array) -> float:
 
 
 def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
-    """(rate per forcing period at which ln v falls, periods): many exact bounces from phase 0.
+    """Return the rate per forcing period at which ln v falls over many exact bounces from phase 0.
 
     Taken between equal contact forces: of ln (v³/g)/3, since the ratio v³/g compares speeds at different phases.
+
+    Returns
+    -------
+    tuple[float, float]
+        The rate, and the number of periods.
     """
     end = rattle.iterate_tangent(delta, epsilon, 0.0, v, impacts)
     invariant = [
-        math.log(speed**3 / float(acceleration(np.array(phase), 0.0, delta, epsilon)))
+        math.log(speed**3 / float(acceleration_by_formula(np.array(phase), 0.0, delta, epsilon)))
         for phase, speed in ((0.0, v), (float(end.tau), float(end.v)))
     ]
     periods = float(end.time)
@@ -108,11 +114,19 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
 
 
 def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
-    """The same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v²: over whole periods, from phase 0."""
+    """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v².
+
+    Over whole periods, from phase 0.
+
+    Returns
+    -------
+    float
+        The rate.
+    """
     t, speed = 0.0, v
     while t < periods:
         phase = np.array(t)
-        a = float(acceleration(phase, speed, delta, epsilon))
+        a = float(acceleration_by_formula(phase, speed, delta, epsilon))
         change = factor * float(f(phase, speed, delta, epsilon)) / a**2
         t, speed = t + 2 * speed / a, speed + change * speed**2
     return math.log(v / speed) / t

@@ -15,23 +15,23 @@ from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import periodic_orbit
 from rattle.orbits.period_one import PeriodOne
 from rattle.paper.birth import birth_of_chaos
-from rattle.paper.chaos import settled
+from rattle.paper.chaos import has_settled
 from rattle.paper.numbers import at
-from rattle.paper.pictures import DELTA, Panels, fractions, name, share
+from rattle.paper.pictures import DELTA, Panels, basin_share, fractions, name
 from rattle.paper.plane import Array, C, D
-from rattle.paper.records import Evidence, Finding
+from rattle.paper.records import Finding, FindingEvidence
 
 FAR_BELOW, JUST_BELOW = 0.0912, 0.096  # ε at which the attractors are shown, δ = 0.6
 SEEN = 0.005  # a basin with less of the sample than this is not counted
 
 
 def exponent(attractors: tuple[Attractor, ...]) -> float:
-    """The first exponent of the chaotic attractor, NaN if there is none."""
+    """Return the first exponent of the chaotic attractor, NaN if there is none."""
     return next((a.lyapunov[0] for a in attractors if a.kind == "chaotic"), np.nan)
 
 
 def chaos_appears() -> Finding:
-    """The chaotic attractor of Figure 4(i)."""
+    """Return the chaotic attractor of Figure 4(i)."""
     birth = birth_of_chaos()
     early, before, above, after = (
         Gear(DELTA, e).attractors(count=4096) for e in (FAR_BELOW, JUST_BELOW, 0.0974, 0.098)
@@ -46,23 +46,25 @@ def chaos_appears() -> Finding:
         "wide periodic windows up to about 0.0978. It is not the first: another P(4,4,2) doubles into a chaotic "
         "attractor at ε near 0.091, and smaller ones come and go in brief windows.",
         (
-            Evidence(
+            FindingEvidence(
                 f"P(2,2,1), followed from ε = 0.0945 to 0.0985, doubles at ε = {birth.flip:.10f} and exists on, "
                 "unstable",
                 birth.flip < 0.0955 and birth.persists,
             ),
-            Evidence(
+            FindingEvidence(
                 f"the doubled orbit, P(4,{birth.n_plus},{birth.n_minus}), grazes Σ⁻ at ε = {birth.graze:.10f}",
                 (birth.n_plus, birth.n_minus) == (4, 2) and birth.graze > 0.097,
             ),
-            Evidence(
+            FindingEvidence(
                 f"ε = {JUST_BELOW}: {fractions(before)}",
-                share(before, "chaotic") + share(before, "undecided") == 0 < share(before, "P(4,4,2)"),
+                basin_share(before, "chaotic") + basin_share(before, "undecided")
+                == 0
+                < basin_share(before, "P(4,4,2)"),
             ),
             *(
-                Evidence(
+                FindingEvidence(
                     f"ε = {e}: {fractions(seen)}; exponent {exponent(seen):.2f}",
-                    share(seen, "chaotic") > 0.1,
+                    basin_share(seen, "chaotic") > 0.1,
                 )
                 for e, seen in ((0.0974, above), (0.098, after), (FAR_BELOW, early))
             ),
@@ -91,20 +93,20 @@ def two_points_not_one() -> Finding:
         "are still born in SN2 below G1, B and C vanish on G1, and chaos can be there below it. In Figure 8 they are "
         "a ninth of a division apart.",
         (
-            Evidence(
+            FindingEvidence(
                 f"COD21 ({equal.delta:.7f}, {equal.epsilon:.7f}), COD23 ({ends.delta:.7f}, {ends.epsilon:.7f})",
                 ends.delta - equal.delta > 1e-3,
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = {delta}: SN2 at ε = {born:.9f}, G1 at {graze:.9f}; half way between exist {', '.join(names)}",
                 names == "ABCD",
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = {below}, 1e-7 below G1, where C attracts: chaos as well, with exponent {exponents.mean():.2f} "
                 "in 100,000 impacts",
                 bool(exponents.size and exponents.min() > 0.3),
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = {beyond}, beyond COD23: SN2 is absent", not trace("SN2", delta=(beyond, beyond + 0.01)).at(beyond)
             ),
         ),
@@ -117,9 +119,9 @@ def _beside_c(delta: float, below: float) -> Array:
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))
     near = rattle.iterate(delta, epsilon, tau, v, 3000)
-    left = ~settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
+    left = ~has_settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
     end = rattle.iterate_tangent(delta, epsilon, near.tau.ravel()[left], near.v.ravel()[left], 100_000)
-    return end.lyapunov[0][~settled(delta, epsilon, end.tau, end.v)]
+    return end.lyapunov[0][~has_settled(delta, epsilon, end.tau, end.v)]
 
 
 def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
@@ -141,14 +143,14 @@ def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
         "C flips on a curve that the paper does not have (PDC): ε² = (δ coth(δ/2) − 2)² + (δ² coth(δ/2)/2π)², which "
         "lies below G1 for δ < 0.5418.",
         (
-            Evidence(
+            FindingEvidence(
                 f"C is unstable in {part:.1%} of the part of Figure 7's plane that II, III and IV take", part > 0.2
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = 0.5: PDC at ε = {flip:.7f}, G1 at {graze:.7f}; unstable at all of {epsilon.size} ε between",
                 unstable,
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = 0.5, ε = 0.19: multiplier {orbit.multipliers[0].real:.4f}; a state 1e-9 from C is "
                 f"{abs(away[2]):.1e} away after 20 impacts, {abs(away[3]):.1e} after 30",
                 orbit.multipliers[0].real < -1 and abs(away[3]) > 1e3 * 1e-9,
@@ -171,14 +173,16 @@ def stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDAr
         "D regains stability at high ε in a second flip (PD2). So there is a second part of the plane with the orbits "
         "and stability of region III, and a part of region V with a stable D.",
         (
-            Evidence(f"δ = 0.4: D is stable again from ε = {again:.7f}", abs(again - 0.2395) < 1e-4),
-            Evidence(
+            FindingEvidence(f"δ = 0.4: D is stable again from ε = {again:.7f}", abs(again - 0.2395) < 1e-4),
+            FindingEvidence(
                 f"stable D with A, B and C above ε = 0.2: δ from {delta[patch].min():.3f} to {delta[patch].max():.3f}, "
                 f"{patch.mean():.1%} of Figure 7's plane",
                 bool(patch.any()),
             ),
-            Evidence(f"stable D in {part:.1%} of region V, for δ up to {delta[stable & five].max():.3f}", part > 0.01),
-            Evidence(f"δ = 0.5, ε = 0.29 (V): {fractions(seen)}", share(seen, "P(1,1,1)") > 0.01),
+            FindingEvidence(
+                f"stable D in {part:.1%} of region V, for δ up to {delta[stable & five].max():.3f}", part > 0.01
+            ),
+            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions(seen)}", basin_share(seen, "P(1,1,1)") > 0.01),
         ),
     )
 
@@ -199,12 +203,14 @@ def multipliers_on_g1() -> Finding:
         "The product does not decide stability. Both are real and negative for small δ, and one is beyond −1 below the "
         "point COD20 where PDC meets G1: what grazes there is an unstable C.",
         (
-            Evidence(f"δ = 0.4: {low[0]:.4f} and {low[1]:.4f}", bool(low[0] < -1 and not multipliers[:, 0].imag.any())),
-            Evidence(
+            FindingEvidence(
+                f"δ = 0.4: {low[0]:.4f} and {low[1]:.4f}", bool(low[0] < -1 and not multipliers[:, 0].imag.any())
+            ),
+            FindingEvidence(
                 f"one beyond −1 up to COD20 ({corner.delta:.7f}, {corner.epsilon:.7f})",
                 abs(outside - corner.delta) < 2e-5,
             ),
-            Evidence(f"complex from δ = {turns:.4f} on", turns > corner.delta),
+            FindingEvidence(f"complex from δ = {turns:.4f} on", turns > corner.delta),
         ),
     )
 
@@ -232,22 +238,22 @@ def region_one() -> Finding:
         "P(1,2,0) bounces twice on Σ⁺ per period and never reaches Σ⁻. It attracts, in a part of region I at high "
         "damping too, and at δ = 0.6 inside Figure 5's range of ε, below its axis of speeds.",
         (
-            Evidence(
+            FindingEvidence(
                 f"δ = 1, ε = 0.23, region {rattle.REGIONS[here.region()]}: {fractions(seen)}",
-                here.region() == 1 and share(seen, "P(1,2,0)") > 0.01,
+                here.region() == 1 and basin_share(seen, "P(1,2,0)") > 0.01,
             ),
-            Evidence(
+            FindingEvidence(
                 f"it attracts at {which.size} of {delta.size} random points of region I, δ from "
                 f"{delta[which].min():.3f}, "
                 f"ε from {epsilon[which].min():.3f} to {epsilon[which].max():.3f}; elsewhere there {kinds} but "
                 "quiet motion",
                 which.size > 0 and not (other & ~two).any(),
             ),
-            Evidence(
+            FindingEvidence(
                 f"δ = 0.6: born in a saddle-node at ε = {born:.7f}; ε = 0.12: {fractions(also)}",
-                share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
+                basin_share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
             ),
-            Evidence(
+            FindingEvidence(
                 "there its speeds on Σ⁺ are {:.4f} and {:.4f}".format(*orbit.speeds),
                 orbit.label == (1, 2, 0) and orbit.stable and bool(orbit.speeds.max() < 3.7),
             ),
@@ -258,8 +264,8 @@ def region_one() -> Finding:
 def number_of_attractors(found: Panels) -> Finding:
     """Figure 4's sequence."""
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
-    c = [share(attractors, "P(1,1,0)") for attractors in found.values()]
-    rattling = [1 - share(attractors, "quiet") for attractors in found.values()]
+    c = [basin_share(attractors, "P(1,1,0)") for attractors in found.values()]
+    rattling = [1 - basin_share(attractors, "quiet") for attractors in found.values()]
     lone = sorted({name(a) for a in found[0.089]})
     return Finding(
         "number of attractors",
@@ -268,12 +274,12 @@ def number_of_attractors(found: Panels) -> Finding:
         "What decreases is the part of the plane that does not become quiet. The number of attractors has its maximum "
         "in panel (g), and C's basin in panel (e).",
         (
-            Evidence(
+            FindingEvidence(
                 f"attractors with {SEEN:.1%} of the sample or more, (a) to (i): {', '.join(map(str, counts))}",
                 counts != sorted(counts) and len(lone) > counts[-1],
             ),
-            Evidence(f"share of C's basin: {', '.join(f'{x:.3f}' for x in c)}", c != sorted(c)),
-            Evidence(
+            FindingEvidence(f"share of C's basin: {', '.join(f'{x:.3f}' for x in c)}", c != sorted(c)),
+            FindingEvidence(
                 f"share that does not become quiet: {', '.join(f'{x:.3f}' for x in rattling)}",
                 rattling[0] < rattling[-1],
             ),

@@ -48,7 +48,7 @@ PROVED = {
 
 
 def at(curve: str, delta: float) -> float:
-    """ε of a bifurcation curve at one damping; NaN where it is absent."""
+    """Return ε of a bifurcation curve at one damping; NaN where it is absent."""
     found = trace(curve, delta=(delta - 0.01, delta + 0.01)).at(delta)
     return found[0] if found else math.nan
 
@@ -83,8 +83,8 @@ def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
     }
 
 
-def numbers(of: str | None = None) -> tuple[Number, ...]:
-    """All of them, in the paper's order, or those that the finding of this key explains."""
+def paper_numbers(of: str | None = None) -> tuple[Number, ...]:
+    """Return all of them, in the paper's order, or those that the finding of this key explains."""
     computed = _computed()
     return tuple(
         Number(where, what, paper, computed[what](), key)

@@ -1,4 +1,4 @@
-"""What the paper says about its Figures 4 to 6: basins of attraction and the one-parameter diagram at δ = 0.6."""
+"""Statements of the paper about its Figures 4 to 6: basins, and the one-parameter diagram at δ = 0.6."""
 
 import numpy as np
 
@@ -16,8 +16,8 @@ SMALL = 0.02  # a basin with less of the sample than this is "very small"
 Panels = dict[float, tuple[Attractor, ...]]
 
 
-def panels() -> Panels:
-    """The attractors of every panel of Figure 4, from SAMPLES initial conditions in [0, 1) × (0, 7)."""
+def compute_panels() -> Panels:
+    """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions in [0, 1) × (0, 7)."""
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 
 
@@ -29,12 +29,12 @@ def name(attractor: Attractor) -> str:
 
 
 def fractions(attractors: tuple[Attractor, ...]) -> str:
-    """All attractors with the share of the sample."""
+    """Return all attractors with the share of the sample."""
     return ", ".join(f"{name(a)} {a.fraction:.3f}" for a in attractors)
 
 
-def share(attractors: tuple[Attractor, ...], wanted: str) -> float:
-    """The share of the sample that goes to attractors of this name."""
+def basin_share(attractors: tuple[Attractor, ...], wanted: str) -> float:
+    """Return the share of the sample that goes to attractors of this name."""
     return sum(a.fraction for a in attractors if name(a) == wanted)
 
 
@@ -43,13 +43,18 @@ def figure_4(found: Panels) -> tuple[Statement, ...]:
     a, b, d, e, g, i = (found[x] for x in (0.056, 0.0615, 0.0725, 0.078, 0.089, 0.1))
     several = min(len(x) for epsilon, x in found.items() if epsilon > 0.056)
     return (
-        Statement("Fig. 4(a)", "all initial conditions become quiet", fractions(a), share(a, "quiet") == 1),
+        Statement("Fig. 4(a)", "all initial conditions become quiet", fractions(a), basin_share(a, "quiet") == 1),
         Statement("Fig. 4", "more than one attractor in all other panels", f"{several} or more", several > 1),
-        Statement("Fig. 4(b)", "basin of C, P(1,1,0), is seen", fractions(b), share(b, "P(1,1,0)") > SMALL),
-        Statement("Fig. 4(d)", "very small basin of D, P(1,1,1)", fractions(d), 0 < share(d, "P(1,1,1)") < SMALL),
-        Statement("Fig. 4(e)", "P(2,2,2) in its place", fractions(e), share(e, "P(2,2,2)") > 0 == share(e, "P(1,1,1)")),
+        Statement("Fig. 4(b)", "basin of C, P(1,1,0), is seen", fractions(b), basin_share(b, "P(1,1,0)") > SMALL),
+        Statement("Fig. 4(d)", "very small basin of D, P(1,1,1)", fractions(d), 0 < basin_share(d, "P(1,1,1)") < SMALL),
+        Statement(
+            "Fig. 4(e)",
+            "P(2,2,2) in its place",
+            fractions(e),
+            basin_share(e, "P(2,2,2)") > 0 == basin_share(e, "P(1,1,1)"),
+        ),
         Statement("Fig. 4(g)", "period four and period eight", fractions(g), {4, 8} <= {x.m for x in g}),
-        Statement("Fig. 4(i)", "chaotic attractor", fractions(i), share(i, "chaotic") > 0),
+        Statement("Fig. 4(i)", "chaotic attractor", fractions(i), basin_share(i, "chaotic") > 0),
     )
 
 

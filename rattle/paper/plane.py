@@ -1,4 +1,4 @@
-"""What the paper says about its Figures 7 to 9: regions, the grazing curves, and the chaos that is born on G1."""
+"""Statements of the paper about its Figures 7 to 9: regions, grazing curves, and the chaos born on G1."""
 
 import math
 
@@ -10,7 +10,7 @@ from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.period_one import PeriodOne
-from rattle.paper.chaos import on_chaos, settled
+from rattle.paper.chaos import has_settled, on_chaos
 from rattle.paper.records import Statement
 
 WINDOW = ((0.4, 1.0), (0.0, 0.3))  # δ and ε of Figure 7
@@ -21,8 +21,8 @@ ASIDE = 1e-7  # distance in ε from a curve at which orbits are looked for on bo
 Array = NDArray[np.float64]
 
 
-def cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
-    """δ and ε at the centres of cells of Figure 7's plane."""
+def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
+    """Return δ and ε at the centres of cells of Figure 7's plane."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
     epsilon = e0 + (e1 - e0) * (np.arange(rows) + 0.5) / rows
@@ -31,7 +31,7 @@ def cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
 
 
 def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ...]:
-    """The regions, and stability where it does not depend on the region."""
+    """Return the regions, and stability where it does not depend on the region."""
     covered = float((region > 0).mean())
     unstable = [int(orbits.stable[k].sum()) for k in (A, B)]
     inside = [int((region == k).sum()) for k in range(1, 6)]
@@ -52,7 +52,7 @@ def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ..
 
 
 def _seen(curve: str, delta: Array) -> tuple[set[str], set[str]]:
-    """The sets of orbits just below and just above a grazing curve."""
+    """Return the sets of orbits just below and just above a grazing curve."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
     for side in (-ASIDE, ASIDE):
@@ -131,7 +131,7 @@ def _multipliers(before: Array, between: Array, after: Array) -> tuple[Statement
 
 
 def figure_9(end: float) -> tuple[Statement, ...]:
-    """The chaotic attractor at δ = 0.762 from G1 to its end, followed through ε by 256 trajectories."""
+    """Return the chaotic attractor at δ = 0.762 from G1 to its end, followed through ε by 256 trajectories."""
     delta = 0.762
     start = float(rattle.grazing("G1", delta).epsilon)
     epsilon = start + (end - start) * (np.arange(40) + 0.5) / 40
@@ -140,7 +140,7 @@ def figure_9(end: float) -> tuple[Statement, ...]:
     for e in epsilon:
         states = rattle.iterate_tangent(delta, e, tau, v, 4000)
         tau, v = states.tau, states.v
-        lost += int(settled(delta, e, tau, v).sum())
+        lost += int(has_settled(delta, e, tau, v).sum())
         weakest = min(weakest, float(states.lyapunov[0].min()))
         spread.append(np.ptp(rattle.iterate(delta, e, tau[:, None], v[:, None], np.arange(40)).v))
     below = attractors_of(delta, start - 1e-6, count=1024).kind

@@ -1,4 +1,4 @@
-"""What the paper says beside what is computed, and the rule that decides whether they agree.
+"""Statements of the paper beside computed values, and the rule that decides whether they agree.
 
 A number agrees if it lies within half a unit of the last digit that the paper gives; where the paper writes ≈, within
 one unit, because ≈ does not say that the last digit was rounded and not cut. An interval agrees only as a whole.
@@ -83,7 +83,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class FindingEvidence:
     """One computed fact in support of a finding, and whether the computation still shows it."""
 
     shows: str
@@ -92,7 +92,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Finding:
-    """Where the paper is wrong or incomplete: what it says, what is right instead, and computed evidence.
+    """Finding: a wrong or incomplete statement of the paper, the right one, and computed evidence.
 
     key: the name by which a `Number` refers to it.
     """
@@ -101,7 +101,7 @@ class Finding:
     title: str
     paper: str
     instead: str
-    evidence: tuple[Evidence, ...]
+    evidence: tuple[FindingEvidence, ...]
 
     @property
     def as_expected(self) -> bool:
@@ -111,9 +111,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything: numbers, statements, and findings in the order of their numbers from `first`, which is 1 in a whole
-    report.
-    """
+    """Numbers, statements, and findings in the order of their numbers from `first`, 1 in a whole report."""
 
     numbers: tuple[Number, ...]
     statements: tuple[Statement, ...]
@@ -121,7 +119,7 @@ class Report:
     first: int = 1
 
     def number_of(self, key: str) -> int:
-        """The number of the finding of this key."""
+        """Return the number of the finding of this key."""
         return [x.key for x in self.findings].index(key) + self.first
 
     @property
@@ -137,7 +135,7 @@ class Report:
 
     @property
     def unexpected(self) -> tuple[str, ...]:
-        """What is off without a finding that says so, and findings whose evidence is not borne out."""
+        """Deviations without a finding that explains them, and findings whose evidence is not borne out."""
         numbers = (x.what for x in self.numbers if not x.as_expected)
         statements = (x.says for x in self.statements if not x.as_expected)
         numbered = enumerate(self.findings, self.first)

@@ -6,7 +6,7 @@ from functools import cache
 import rattle
 from rattle.errors import require
 from rattle.paper import forces, motions, pictures, plane
-from rattle.paper.numbers import numbers
+from rattle.paper.numbers import paper_numbers
 from rattle.paper.records import Finding, Number, Report, Statement
 
 END = "chaotic attractor ends at δ = 0.762"
@@ -14,14 +14,14 @@ END = "chaotic attractor ends at δ = 0.762"
 
 def report() -> Report:
     """Compute everything: about twenty seconds on one core once the library is compiled."""
-    panels = pictures.panels()
-    found = numbers()
+    panels = pictures.compute_panels()
+    found = paper_numbers()
     return Report(found, statements(panels, found), findings(panels))
 
 
 def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Statement, ...]:
     """In the paper's order."""
-    delta, epsilon = plane.cells()
+    delta, epsilon = plane.plane_cells()
     orbits, region = rattle.period_one(delta, epsilon), rattle.regions(delta, epsilon)
     end = next(number.interval[0] for number in found if number.what == END)
     return (
@@ -35,21 +35,21 @@ def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Stat
 
 
 def findings(panels: pictures.Panels) -> tuple[Finding, ...]:
-    """Where the paper is wrong or incomplete."""
+    """Return the findings: where the paper is wrong or incomplete."""
     return tuple(compute() for compute in _findings(lambda: panels))
 
 
 def one_finding(number: int) -> Report:
     """Compute one finding, by its number in the report, and the numbers that it explains. Raises ParameterError."""
-    known = _findings(pictures.panels)
+    known = _findings(pictures.compute_panels)
     require(1 <= number <= len(known), f"there is no finding {number}: there are 1 to {len(known)}")
     found = known[number - 1]()
-    return Report(numbers(found.key), (), (found,), number)
+    return Report(paper_numbers(found.key), (), (found,), number)
 
 
 def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
-    """What computes each finding, in the order of their numbers; what several need is computed once, if at all."""
-    cells = cache(plane.cells)
+    """Return the computation of each finding, in order; shared values are computed once, if at all."""
+    cells = cache(plane.plane_cells)
     orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (
         motions.chaos_appears,
@@ -61,7 +61,7 @@ def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Findi
         lambda: motions.number_of_attractors(panels()),
         forces.convexity,
         forces.impact_map,
-        forces.contact_force,
+        forces.contact_force_statement,
         forces.factor_three,
         forces.extremes_of_f,
     )

@@ -12,7 +12,7 @@ except ImportError as error:
 
 from rattle.plot.areas import areas_figure
 from rattle.plot.basins import MANIFOLDS, gamma_line, manifold_line, panels
-from rattle.plot.colours import KIND_COLOURS, REGION_COLOURS, Palette, colour, name_of
+from rattle.plot.colours import KIND_COLOURS, REGION_COLOURS, Palette, colour, legend_name
 from rattle.plot.crisis import crisis_figure
 from rattle.plot.diagram import branch_figure, curves_along, diagram_figure, impacts_at, parameter_axis, strokes
 from rattle.plot.drawing import FORMATS, HALO, Drawing, new_figure, save
@@ -54,8 +54,8 @@ __all__ = [
     "draw_points",
     "gamma_line",
     "impacts_at",
+    "legend_name",
     "manifold_line",
-    "name_of",
     "new_figure",
     "panels",
     "parameter_axis",

@@ -8,8 +8,8 @@ from matplotlib.patches import Patch
 
 from rattle.plot.colours import NAMED, REGION_COLOURS
 from rattle.plot.drawing import Drawing, new_figure
-from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
-from rattle.proof.areas.shares import REGION, shares
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
+from rattle.proof.areas.shares import REGION, shares_of_claims
 from rattle.proof.certificate import Ends
 
 LEFT = "#222222"  # what is not proved
@@ -23,11 +23,13 @@ PANELS = (
 )
 
 
-def areas_figure(blocks: Sequence[Block], delta: Ends, epsilon: Ends) -> Drawing:
+def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> Drawing:
     """Draw blocks of this plane, a panel for each kind of claim; dark is what is not proved."""
     figure = new_figure(10.0, 8.0)
     told = next(
-        share for share in shares(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0])) if share.what == REGION
+        share
+        for share in shares_of_claims(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0]))
+        if share.what == REGION
     )
     for axes, (name, inks) in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
         _panel(axes, [block for block in blocks if block.claim in inks], inks)
@@ -39,12 +41,12 @@ def areas_figure(blocks: Sequence[Block], delta: Ends, epsilon: Ends) -> Drawing
     return Drawing(figure)
 
 
-def _corners(blocks: Sequence[Block]) -> list[list[tuple[float, float]]]:
+def _corners(blocks: Sequence[ProvedBlock]) -> list[list[tuple[float, float]]]:
     ends = [(*map(float, block.delta), *map(float, block.epsilon)) for block in blocks]
     return [[(left, low), (right, low), (right, high), (left, high)] for left, right, low, high in ends]
 
 
-def _panel(axes: Axes, blocks: Sequence[Block], inks: dict[str, str]) -> None:
+def _panel(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> None:
     """Rectangles, and a key."""
     colours = [inks[block.claim] for block in blocks]
     axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
@@ -52,7 +54,7 @@ def _panel(axes: Axes, blocks: Sequence[Block], inks: dict[str, str]) -> None:
     axes.legend(handles=keys, fontsize=8, loc="lower right", framealpha=0.9)
 
 
-def _speeds(axes: Axes, blocks: Sequence[Block]) -> None:
+def _speeds(axes: Axes, blocks: Sequence[ProvedBlock]) -> None:
     """Rectangles by the speed, and its scale."""
     if not blocks:
         return

@@ -23,7 +23,7 @@ from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, Capability, model_of
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import NAMES, Orbit
-from rattle.plot.colours import Palette, name_of, order
+from rattle.plot.colours import Palette, legend_name, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
@@ -45,13 +45,19 @@ DIM = "0.25"  # edge of what is white
 
 
 def highest(gear: AnyGear) -> float:
-    """The largest speed of a picture of states: the paper's in its plane, the natural one elsewhere."""
+    """Return the largest speed of a picture of states: the paper's in its plane, the natural one elsewhere."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
-def folded(tau: Array, v: Array, v_max: float) -> Array:
-    """A line of the (τ, v) plane (k, 2) with its phases folded into [0, 1], NaN where it leaves a side, and without
-    what is beyond v_max. It ends on the very side that it leaves.
+def fold_line(tau: Array, v: Array, v_max: float) -> Array:
+    """Return a line of the (τ, v) plane (k, 2) with its phases folded into [0, 1].
+
+    NaN where it leaves a side, and without the part beyond v_max. It ends on the very side that it leaves.
+
+    Returns
+    -------
+    Array
+        Points (n, 2).
     """
     turn = np.floor(tau)
     points = [np.column_stack([tau - turn, v])]
@@ -81,7 +87,7 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
     """Γ of a gear whose model has it, folded (k, 2), empty if there is none."""
-    return _joined([folded(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
+    return _joined([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
 def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
@@ -103,8 +109,8 @@ def _legend(
     """Name each type of motion once, of many those with the largest basins, and the lines."""
     largest: dict[str, Attractor] = {}
     for each in attractors:
-        if name_of(each) not in largest or each.fraction > largest[name_of(each)].fraction:
-            largest[name_of(each)] = each
+        if legend_name(each) not in largest or each.fraction > largest[legend_name(each)].fraction:
+            largest[legend_name(each)] = each
     shown = sorted(largest, key=lambda label: -largest[label].fraction)[:MOST_NAMED]
     patches = [
         Patch(facecolor=palette.colour(largest[label]), edgecolor="0.3", linewidth=0.5, label=label)
@@ -124,7 +130,7 @@ def _legend(
 
 
 def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
-    """The mark of a period-one orbit where it lies, or in a legend."""
+    """Return the mark of a period-one orbit where it lies, or in a legend."""
     marker, meaning = CROSSES[stable]
     at = ([], []) if orbit is None else ([orbit.tau], [orbit.v])
     mark = Line2D(*at, ls="", marker=marker, color="white", ms=9, mew=1.6, zorder=4, label=meaning)
@@ -144,10 +150,25 @@ def panels(
     v: Range = None,
     **added: float | None,
 ) -> Drawing:
-    """Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
+    """Draw Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
 
-    resolution: cells a side. tau, v: ranges (low, high), by default the plane of `Gear.basins`. added: what a model
-    adds, by name; by default it is the impacting model. Raises ParameterError.
+    Parameters
+    ----------
+    resolution : int
+        Cells a side.
+    tau, v : Range
+        Ranges (low, high), by default the plane of `Gear.basins`. added: what a model adds, by name; by default it is
+        the impacting model.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
     model = model_of(beta, **added)
@@ -183,9 +204,24 @@ def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
 
 
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
-    """Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
+    """Draw Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
 
-    What does not exist there is left out, which a note says. resolution: cells a side. Raises ParameterError.
+    Parts that do not exist there are left out, and a note says so.
+
+    Parameters
+    ----------
+    resolution : int
+        Cells a side.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     gear = Gear(delta, epsilon, beta)
     v_max = highest(gear)
@@ -237,7 +273,7 @@ def manifold_line(
     arclength: float = ARCLENGTH,
     spacing: float = SPACING,
 ) -> tuple[Array, str | None]:
-    """Both sides of the stable or unstable manifold of A or B, folded (k, 2), and why any of it is missing."""
+    """Return both sides of the stable or unstable manifold of A or B, folded (k, 2), and why any of it is missing."""
     if orbit is None:
         return np.empty((0, 2)), None  # what orbits are missing is said anyway
     if orbit.stable:
@@ -250,7 +286,7 @@ def manifold_line(
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
-            sides.append(folded(grown.tau[start:end], grown.v[start:end], v_max))
+            sides.append(fold_line(grown.tau[start:end], grown.v[start:end], v_max))
     return _joined(sides), why
 
 
@@ -287,7 +323,7 @@ def _write_labels(
 
 
 def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
-    """The paper's symbol of a basin, if it has one."""
+    """Return the paper's symbol of a basin, if it has one."""
     if attractor.kind == "quiet":
         return r"$\Delta_L$"
     if attractor.kind == "chaotic":

@@ -73,22 +73,34 @@ def _label(motion: Motion) -> str | Label:
     )
 
 
-def name_of(motion: Motion) -> str:
-    """What a legend calls a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
+def legend_name(motion: Motion) -> str:
+    """Return the legend's name of a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
     label = _label(motion)
     return label if isinstance(label, str) else f"P({','.join(map(str, label))})"
 
 
 def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
-    """Where a legend puts a motion: quiet, periodic ones by m, n₊, n₋, chaotic, undecided."""
+    """Return the sort key of a motion in a legend: quiet, periodic by m, n₊, n₋, chaotic, undecided."""
     label = _label(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
 
 
 def colour(motion: Motion) -> str:
-    """The colour (#rrggbb) of a type of motion: an `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+    """Return the colour (#rrggbb) of a type of motion.
 
-    It depends on the type alone. Raises ParameterError.
+    An `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+
+    It depends on the type alone.
+
+    Returns
+    -------
+    str
+        The colour.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     label = _label(motion)
     if isinstance(label, str):
@@ -97,8 +109,10 @@ def colour(motion: Motion) -> str:
 
 
 class Palette:
-    """Colours of the motions of one picture: each has its own, unless that looks like the one of a motion that came
-    before it, or of quiet, chaotic or undecided; then it has the spare one that is farthest from all of them.
+    """Colours of the motions of one picture.
+
+    Each has its own, unless that looks like the one of a motion that came before it, or of quiet, chaotic or undecided;
+    then it has the spare one that is farthest from all of them.
 
     alike: distance in CIELAB below which two are not told apart; types with a colour of their own keep it all the same.
     """
@@ -110,7 +124,7 @@ class Palette:
         self._times: Counter[str | Label] = Counter()
 
     def colour(self, motion: Motion) -> str:
-        """The colour (#rrggbb) of a type of motion here. Raises ParameterError."""
+        """Return the colour (#rrggbb) of a type of motion here. Raises ParameterError."""
         label = _label(motion)
         if label not in self._taken:
             own = colour(motion)
@@ -121,8 +135,19 @@ class Palette:
         return self._taken[label]
 
     def another(self, motion: Motion) -> str:
-        """The colour (#rrggbb) of one more motion of a type, of which there are several here: the first has that of the
-        type, each other one a spare one. Raises ParameterError.
+        """Return the colour (#rrggbb) of one more motion of a type, of which there are several here.
+
+        The first has that of the type, each other one a spare one.
+
+        Returns
+        -------
+        str
+            The colour.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
         """
         label = _label(motion)
         self._times[label] += 1
@@ -131,7 +156,7 @@ class Palette:
         return self._taken.setdefault((label, self._times[label]), self._farthest())
 
     def _farthest(self) -> str:
-        """The spare colour that is farthest from all that are taken."""
+        """Return the spare colour that is farthest from all that are taken."""
         taken = np.array([_lab(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
         return _spare()[int(np.argmax(away))][0]

@@ -18,9 +18,14 @@ SHOWN = 0.25  # around W^u(A), of its extent
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
-    """The crisis curve, its way into COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
+    """Draw the crisis curve, its way into COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
 
     Raises as `rattle.crisis.crisis_curve`.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
     """
     curve = crisis_curve(beta=beta, resolution=resolution)
     figure = new_figure(10.0, 9.0)

@@ -1,6 +1,7 @@
 """Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
 
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,15 +14,16 @@ from numpy.typing import NDArray
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram
-from rattle.continuation.followed import Followed
+from rattle.continuation.followed import FollowedBranch
 from rattle.continuation.motions import Segment
-from rattle.continuation.sweeps import Points
+from rattle.continuation.sweeps import SweepPoints
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.diagram import diagram
+from rattle.models import ADDED
 from rattle.numerics.complex_step import Array
 from rattle.plot import paper_ranges as ranges
-from rattle.plot.colours import name_of as name_of_type
+from rattle.plot.colours import legend_name as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
 from rattle.stiff.bifurcations.diagram import diagram as stiff_diagram
@@ -44,8 +46,9 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 
 
 class ImpactCurve(NamedTuple):
-    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between; of the part that follows each
-    of them: stable, admissible, name of the period-one orbit.
+    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between.
+
+    Of the part that follows each of them: stable, admissible, name of the period-one orbit.
     """
 
     x: Array
@@ -57,17 +60,21 @@ class ImpactCurve(NamedTuple):
 
 
 def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
-    """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
+    """Draw (a) v and (b) τ against the parameter, limits of the panels given or found.
 
-    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
-    names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
+    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked.
+
+    Returns
+    -------
+    Figure
+        The figure.
     """
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
     return _drawn(diagram, v, tau)
 
 
 def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
-    """The figure; aside: room beyond both ends of the parameter, of its range."""
+    """Return the figure; aside: room beyond both ends of the parameter, of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
@@ -90,29 +97,31 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
         lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
         labels = Labels(panel, lines)
         _marks(panel, labels, diagram, which, scale, offset)
-        _names(panel, labels, curves, which, one=which == "v" and bool(np.isinf(diagram.kappa).all()))
+        _names(panel, labels, curves, which, one=which == "v" and not diagram.added)
     figure.set_layout_engine("none")  # labels lie where they were put
     return figure
 
 
 def branch_figure(branch: Any) -> Figure:
-    """The figure of one branch alone, of either model: as that of a diagram along its span, without attractors."""
-    require(isinstance(branch, Followed), f"branch must be a Branch, got {type(branch).__name__}")
+    """Return the figure of one branch alone, as that of a diagram along its span without attractors."""
+    require(isinstance(branch, FollowedBranch), f"branch must be a Branch, got {type(branch).__name__}")
     found: Any = branch
     at = found.parameters
     way = at[np.argmax(np.abs(at - at[0]).sum(axis=1))] - at[0]
     require(bool(way.any()), "the branch is a single point: there is no way along it to draw")
     way = way * np.sign(way[np.argmax(np.abs(way))])
     first, last = np.argmin(at @ way), np.argmax(at @ way)
-    ends = found.delta[[first, last]], found.epsilon[[first, last]], found.kappa[[first, last]]
+    ends = [first, last]
     alone = Diagram(
         Segment(at[first], at[last]),
         found.itinerary.beta,
         np.array([0.0, 1.0]),
-        *ends,
+        found.delta[ends],
+        found.epsilon[ends],
+        {name: values[ends] for name, values in found.added.items()},
         (found,),
         tuple(event for event in found.events if event.admissible),
-        Points._make([np.empty(0)] * len(Points._fields)),
+        SweepPoints._make([np.empty(0)] * len(SweepPoints._fields)),
         AttractorTable.empty(),
         (),
         (),
@@ -124,9 +133,19 @@ def branch_figure(branch: Any) -> Figure:
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Figures 5 and 9: the diagram along ε at one damping; at the paper's parameters in the paper's window.
+    """Draw Figures 5 and 9: the diagram along ε at one damping.
 
-    Raises ParameterError.
+    At the paper's parameters in the paper's window.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
@@ -134,7 +153,7 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
 
 
 def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """The same of the stiff gear, in the same windows. Raises ParameterError."""
+    """Return the same of the stiff gear, in the same windows. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _notes(found))
@@ -149,30 +168,29 @@ def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
 
 
 def _fixed(diagram: Diagram[Any, Any]) -> str:
-    """The parameters that do not change along a diagram."""
-    names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), "κ": diagram.kappa}
-    return ", ".join(
-        f"{name} = {values[0]:g}"
-        for name, values in names.items()
-        if values[0] == values[-1] and np.isfinite(values[0])
-    )
+    """Return the parameters that do not change along a diagram."""
+    added = {ADDED[name].symbol: values for name, values in diagram.added.items()}
+    names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), **added}
+    return ", ".join(f"{name} = {values[0]:g}" for name, values in names.items() if values[0] == values[-1])
 
 
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
     """Label of the axis, and scale and offset that take a position to it."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
-    kappa, last_kappa = diagram.kappa[[0, -1]]
-    rest = f"β = {diagram.beta:g}"
-    if kappa != last_kappa:
-        rest += f", κ {kappa:g} to {last_kappa:g}"
-    elif np.isfinite(kappa):
-        rest += f", κ = {kappa:g}"
+    rest, changing = f"β = {diagram.beta:g}", []
+    for name, values in diagram.added.items():
+        added, first, last = ADDED[name], *values[[0, -1]]
+        rest += f", {added.symbol} = {first:g}" if first == last else f", {added.symbol} {first:g} to {last:g}"
+        if first != last:
+            changing.append((added, first**added.path_power, last**added.path_power))
     if (delta, epsilon) == (last_delta, last_epsilon):
-        root, last_root = kappa**-0.5, last_kappa**-0.5
-        return f"softness $κ^{{-1/2}}$ (δ = {delta:g}, ε = {epsilon:g}, {rest})", last_root - root, root
-    if kappa == last_kappa and delta == last_delta:
+        added, start, end = changing[0]
+        power = f"^{{{Fraction(added.path_power)}}}" if added.path_power != 1.0 else ""
+        label = f"{added.path_label or added.label} ${added.symbol}{power}$"
+        return f"{label} (δ = {delta:g}, ε = {epsilon:g}, {rest})", end - start, start
+    if not changing and delta == last_delta:
         return f"eccentricity $ε$ (δ = {delta:g}, {rest})", last_epsilon - epsilon, epsilon
-    if kappa == last_kappa and epsilon == last_epsilon:
+    if not changing and epsilon == last_epsilon:
         return f"damping $δ$ (ε = {epsilon:g}, {rest})", last_delta - delta, delta
     return f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), {rest}", 1.0, 0.0
 
@@ -185,7 +203,7 @@ def impacts_at(event: Any) -> tuple[Array, Array]:
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Every impact of a branch on Σ⁺, with the events put in between its points."""
+    """Yield every impact of a branch on Σ⁺, with the events put in between its points."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -205,7 +223,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """The parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
+    """Yield the parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0
@@ -227,7 +245,7 @@ def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
 
 
 def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """The points of the sweeps, the backward ones smaller on top of the forward ones."""
+    """Draw the points of the sweeps, the backward ones smaller on top of the forward ones."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -251,7 +269,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
 
 
 def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
-    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v are in the limit."""
+    """Name A to D beside their curves; in one word where they are one curve, as A and C in v are in the limit."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -269,13 +287,13 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve
 
 
 def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Which points are inside the panel."""
+    """Return flags of points inside the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
 def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """What is drawn of a curve inside the panel (k, 2), NaN between pieces."""
+    """Return the drawn lines (k, 2) of a curve inside the panel, NaN between pieces."""
     on = _seen(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 

@@ -1,4 +1,4 @@
-"""What every picture has: a figure with a canvas of its own, notes on what it lacks, and how it is written."""
+"""Draw pictures: a figure with its own canvas, notes on missing parts, and how it is written."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -47,7 +47,12 @@ def outlined(line: Line2D, colour: str, width: float) -> Line2D:
 def save(figure: Figure, path: str | Path, dpi: int = 300) -> None:
     """Write a figure; the suffix is the format. Text in a PDF is text (TrueType), and the same figure is the same file.
 
-    dpi: of a PNG. Raises OSError, and ValueError on a format that matplotlib does not know.
+    Raises OSError, and ValueError on a format that matplotlib does not know.
+
+    Parameters
+    ----------
+    dpi : int
+        Of a PNG.
     """
     dates = {".pdf": "CreationDate", ".svg": "Date"}
     suffix = Path(path).suffix.lower()

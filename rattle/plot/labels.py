@@ -115,6 +115,11 @@ class Labels:
         """Write a name where a part of the axes is widest, smaller if need be; whether there is room for it.
 
         inside (rows, columns): whether the cells of an even grid over the axes, from their lower left, are of the part.
+
+        Returns
+        -------
+        bool
+            True if there is room.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
         cells, room = self._rooms(inside)
@@ -132,8 +137,14 @@ class Labels:
         return False
 
     def widest(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """The cell's centre, in data coordinates, that is farthest from lines, labels and the frame; how far, in
-        pixels.
+        """Return the cell's centre, in data coordinates, that is farthest from lines, labels and the frame.
+
+        How far, in pixels.
+
+        Returns
+        -------
+        tuple[Point, float]
+            The centre, and its distance.
         """
         cells, room = self._rooms(inside)
         best = int(np.argmax(room))
@@ -161,7 +172,7 @@ class Labels:
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
-        """What a place costs; one that costs more than `most` is not looked at to the end."""
+        """Return the cost of a place; one that costs more than `most` is not examined to the end."""
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
@@ -188,7 +199,7 @@ class Labels:
 
 
 def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
-    """Where a label of this half height fits along a stretch of a line (n, 2): centre, angle, and how bent it is."""
+    """Return the fits of a label of this half height along a stretch of a line (n, 2): centre, angle, bend."""
     if np.isnan(stretch).any():
         return []
     chord = stretch[-1] - stretch[0]
@@ -222,7 +233,7 @@ def _box(centre: Array, half: Array) -> Bbox:
 
 
 def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
-    """What encloses a turned box."""
+    """Return the box that encloses a turned box."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
     return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 
@@ -237,7 +248,7 @@ def _dense(line: Array) -> Array:
 
 
 def _cross(one: Array, other: Array) -> bool:
-    """Whether two segments cross."""
+    """Return whether two segments cross."""
     (a, b), (c, d) = one, other
     return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
 

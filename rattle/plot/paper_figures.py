@@ -19,14 +19,14 @@ Given = float | Sequence[float]
 
 
 class Range(NamedTuple):
-    """What was written LOW:HIGH: never two numbers."""
+    """Range that was written LOW:HIGH: never two numbers."""
 
     low: float
     high: float
 
 
 class Takes(Enum):
-    """What a figure takes for δ or ε; the value says how it is written."""
+    """Kinds of values that a figure takes for δ or ε; the value says how it is written."""
 
     NUMBER = "a number"
     NUMBERS = "one number or more"
@@ -96,12 +96,12 @@ class Request:
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """Name of its file."""
         return f"figure{self.number}"
 
     @property
     def title(self) -> str:
-        """What it is, for people who wait for it."""
+        """Title, for people who wait for it."""
         return f"Figure {self.number}, {FIGURES[self.number].shows}"
 
     def draw(self) -> Drawing:
@@ -133,8 +133,17 @@ def request(
     beta: float = ranges.BETA,
     **added: float | None,
 ) -> Request:
-    """Figure `number` with other δ, ε or β than the paper's, or of the stiff gear. Raises ParameterError, before
-    anything is computed.
+    """Return the request for figure `number` with other δ, ε or β than the paper's, or of the stiff gear.
+
+    Returns
+    -------
+    Request
+        The request.
+
+    Raises
+    ------
+    ParameterError
+        Before anything is computed.
     """
     known = ", ".join(map(str, sorted(FIGURES)))
     require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
@@ -155,7 +164,18 @@ def request(
 
 
 def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
-    """The figure of the stiff gear's limit, of one δ and one ε. Raises ParameterError, before anything is computed."""
+    """Return the figure of the stiff gear's limit, of one δ and one ε.
+
+    Returns
+    -------
+    StiffRequest
+        The request.
+
+    Raises
+    ------
+    ParameterError
+        Before anything is computed.
+    """
     return StiffRequest(
         stiff.DELTA if delta is None else _checked("stiff", "delta", NUMBER, delta, positive=True),
         stiff.EPSILON if epsilon is None else _checked("stiff", "epsilon", NUMBER, epsilon),
@@ -166,15 +186,35 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
 def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> Drawing:
     """Draw figure `number` of the paper from computed data, at other δ, ε or β than the paper's if they are given.
 
-    What δ and ε are for a figure, FIGURES says. Raises ParameterError.
+    What δ and ε are for a figure, FIGURES says.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     return request(number, delta, epsilon, beta).draw()
 
 
 def parse(option: str, texts: Sequence[str]) -> Given | None:
-    """The numbers that the texts of an option are, or the range that a single LOW:HIGH is; None if there are none.
+    """Return the numbers that the texts of an option are, or the range that a single LOW:HIGH is.
 
-    Raises ParameterError.
+    None if there are none.
+
+    Returns
+    -------
+    Given | None
+        The numbers, the range, or None.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     numbers = []
     for text in texts:
@@ -191,7 +231,7 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
 
 
 def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
-    """The number, numbers or range that a figure takes."""
+    """Return the number, numbers or range that a figure takes."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))
@@ -205,7 +245,7 @@ def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positi
 
 
 def _written(given: Given) -> str:
-    """As it would be written on the command line."""
+    """Return the value as it would be written on the command line."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return repr(given)
     return (":" if isinstance(given, Range) else ", ").join(map(str, given))

@@ -44,7 +44,7 @@ MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth"
 
 
 def polyline(curve: Curve) -> Array:
-    """The points (δ, ε) of a curve (k, 2), NaN between pieces."""
+    """Return the points (δ, ε) of a curve (k, 2), NaN between pieces."""
     points = np.column_stack([curve.delta, curve.epsilon])
     return np.insert(points, np.flatnonzero(np.diff(curve.piece)) + 1, np.nan, axis=0)
 
@@ -75,6 +75,11 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     """Mark and name the codimension-two points that are in the axes, away from these lines and from what is written.
 
     Returns the labels, for more of them; None if there are no points.
+
+    Returns
+    -------
+    Labels | None
+        Labels, for more of them; None if there are no points.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
@@ -90,11 +95,26 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
 
 
 def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
-    """The two-parameter bifurcation diagram of Figures 7 and 8: curves, points and regions in a window.
+    """Return the two-parameter bifurcation diagram of Figures 7 and 8: curves, points and regions in a window.
 
-    delta, epsilon: (low, high). The curves that the paper has are thick, the others thin. At the paper's β, dashed
-    lines show the ranges of its Figures 5 and 9, and a rectangle Figure 8. Where COD21 and COD23 are close in the
-    window, an inset shows the curves that touch there by their distance from SN2. Raises ParameterError.
+    The curves that the paper has are thick, the others thin. At the paper's β, dashed lines show the ranges of its
+    Figures 5 and 9, and a rectangle Figure 8. Where COD21 and COD23 are close in the window, an inset shows the curves
+    that touch there by their distance from SN2.
+
+    Parameters
+    ----------
+    delta, epsilon : Range
+        (low, high).
+
+    Returns
+    -------
+    Drawing
+        The drawing.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     figure = new_figure(6.8, 5.2)
     axes = figure.add_subplot(xlim=delta, ylim=epsilon)
@@ -151,6 +171,11 @@ def _draw_inset(
     """Draw PD1 and G1 by their distance from SN2, before these meet at COD23, into a corner without curves.
 
     Returns the corner in data coordinates; None if the points are not close in the window, or no corner is free.
+
+    Returns
+    -------
+    Box | None
+        Corner in data coordinates, or None.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
@@ -211,7 +236,7 @@ def _filled(box: Box) -> list[Array]:
 
 
 def _paper_marks(axes: Axes) -> dict[str, Array]:
-    """The ranges of Figures 5 and 9 and the window of Figure 8, where the axes show them at a size that can be seen."""
+    """Mark the ranges of Figures 5 and 9 and the window of Figure 8, where the axes show them at a visible size."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     marks = {}
     for name, (delta, (low, high)) in (("Figure 5", FIGURE_5), ("Figure 9", FIGURE_9)):

@@ -22,10 +22,17 @@ REACH = 0.003  # in v, either side of Γ
 
 
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
-    """Distance of A–D, of their multipliers, and of bifurcations and the quiet limit from those of the impacting model
-    against κ; one return across Γ, where the square root becomes steep but smooth.
+    """Draw the distance of the stiff gear from the impacting model against κ.
+
+    Of A–D, their multipliers, bifurcations and the quiet limit; one return across Γ, where the square root becomes
+    steep but smooth.
 
     The impacting model must have A–D at (delta, epsilon). Raises ParameterError, RattleError.
+
+    Returns
+    -------
+    Drawing
+        The drawing.
     """
     limits = {orbit.name: orbit for orbit in orbits_at(delta, epsilon, beta)}
     require(len(limits) == 4, f"A, B, C and D do not all exist at delta = {delta:g}, epsilon = {epsilon:g}")
@@ -84,7 +91,7 @@ def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
 
 
 def _slope(axes: Axes, start: float, power: float, label: str) -> None:
-    """A line of this slope through the middle of what is drawn at the start."""
+    """Draw a line of this slope through the middle of the curves at the start."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]
     ends = np.array([start, 1e8])

@@ -73,12 +73,13 @@ class Population:
 
     @cached_property
     def quiet(self) -> Estimate:
-        """The probability that a gear runs quietly: a gear at random, from a state at random. What is undecided widens
-        the interval, and counts as not quiet in the value.
+        """The probability that a gear runs quietly: a gear at random, from a state at random.
+
+        What is undecided widens the interval, and counts as not quiet in the value.
         """
         energy = self.gears.energy
-        low = share((energy == 0.0).mean(axis=1))
-        return Estimate(low.value, low.low, share((~(energy > 0.0)).mean(axis=1)).high)
+        low = mean_share((energy == 0.0).mean(axis=1))
+        return Estimate(low.value, low.low, mean_share((~(energy > 0.0)).mean(axis=1)).high)
 
     @property
     def undecided(self) -> float:
@@ -87,8 +88,9 @@ class Population:
 
     @cached_property
     def passing(self) -> Estimate | None:
-        """The yield: the share of gears that pass, of those that were asked. Unknown ones widen the interval, and count
-        by halves in the value. None if nothing was asked.
+        """The yield: the share of gears that pass, of those that were asked.
+
+        Unknown ones widen the interval, and count by halves in the value. None if nothing was asked.
         """
         verdict = self.gears.verdict
         asked = int((verdict != NOT_ASKED).sum())
@@ -105,9 +107,22 @@ class Population:
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
 
     def intensity(self, quantiles: Sequence[float] = QUANTILES) -> dict[float, Estimate]:
-        """Quantiles of the energy per revolution, or the power in watts of a machine, of a gear at random from a state
-        at random; an end of an interval that the population does not reach is infinite. Raises ParameterError, and
-        RattleError where all is undecided.
+        """Return quantiles of the energy per revolution, or the power in watts of a machine.
+
+        Of a gear at random from a state at random; an end of an interval that the population does not reach is
+        infinite.
+
+        Returns
+        -------
+        dict[float, Estimate]
+            Estimate of each quantile.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where all is undecided.
         """
         require(all(0.0 < q < 1.0 for q in quantiles), "quantiles must be between 0 and 1")
         power = np.asarray(self.power)
@@ -117,7 +132,7 @@ class Population:
         return {q: quantile(energy, q) for q in quantiles}
 
     def worst(self, most: int = WORST) -> tuple[Worst, ...]:
-        """The gears whose mean energy, or power, is largest."""
+        """Return the gears whose mean energy, or power, is largest."""
         gears = self.gears
         quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.power
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]
@@ -126,8 +141,21 @@ class Population:
         return tuple(Worst(int(i), each, float(quiet[i]), float(energy[i])) for i, each in rows)
 
     def indices(self, of: str = "quiet") -> dict[str, Index]:
-        """Sobol indices, first and total, of each number that varies: of a gear's share of quiet runs, or of its mean
-        "energy". Raises ParameterError, and RattleError where nothing varies, or no gears share numbers.
+        """Return the Sobol indices, first and total, of each number that varies.
+
+        For a gear's share of quiet runs, or for its mean "energy".
+
+        Returns
+        -------
+        dict[str, Index]
+            Indices by name.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where nothing varies, or no gears share numbers.
         """
         require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:
@@ -149,14 +177,21 @@ class Population:
 
 
 def means(energy: Array) -> Array:
-    """The mean over what is known of each row, NaN where nothing is."""
+    """Return the mean over what is known of each row, NaN where nothing is."""
     known = (~np.isnan(energy)).sum(axis=1)
     return np.divide(np.nansum(energy, axis=1), known, out=np.full(len(energy), np.nan), where=known > 0)
 
 
-def share(shares: Array) -> Estimate:
-    """The mean of shares of independent gears (n,): Wilson's interval for as many independent samples as have the
-    variance that the gears show; gears that are all alike count as one sample each.
+def mean_share(shares: Array) -> Estimate:
+    """Return the mean of shares of independent gears (n,).
+
+    Wilson's interval for as many independent samples as have the variance that the gears show; gears that are all alike
+    count as one sample each.
+
+    Returns
+    -------
+    Estimate
+        The mean with its interval.
     """
     n, mean = shares.size, float(shares.mean())
     variance = float(shares.var(ddof=1)) / n
@@ -167,8 +202,14 @@ def share(shares: Array) -> Estimate:
 
 
 def quantile(values: Array, q: float) -> Estimate:
-    """The quantile of values (n, count) of independent rows; its interval by where the share below it, with the
-    variance that rows show, can be q. NaN does not count.
+    """Return the quantile of values (n, count) of independent rows.
+
+    Its interval by where the share below it, with the variance that rows show, can be q. NaN does not count.
+
+    Returns
+    -------
+    Estimate
+        The quantile with its interval.
     """
     known = np.sort(values[~np.isnan(values)])
     value = float(known[min(int(q * known.size), known.size - 1)])
@@ -184,8 +225,19 @@ def quantile(values: Array, q: float) -> Estimate:
 
 
 def ratio(base: Array, other: Array, again: Array) -> Estimate:
-    """Cov(base, other)/Cov(base, again) of gears (n,), by the delta method: `again` are the same gears with other
-    samples, so that what samples vary by is no part of it. Raises RattleError where nothing varies.
+    """Estimate Cov(base, other)/Cov(base, again) of gears (n,), by the delta method.
+
+    `again` are the same gears with other samples, so that the variation of samples is no part of it.
+
+    Returns
+    -------
+    Estimate
+        The ratio with its interval.
+
+    Raises
+    ------
+    RattleError
+        Where nothing varies.
     """
     known = ~np.isnan(base + other + again)
     if known.sum() < FEWEST:

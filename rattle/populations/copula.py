@@ -19,37 +19,40 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Copula:
-    """Standard normal numbers with a matrix of correlations (d, d). Source: Kucherenko, Tarantola and Annoni, Computer
-    Physics Communications 183 (2012) 937–946, for the draws that share some.
+    """Standard normal numbers with a matrix of correlations (d, d).
+
+    Source: Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946, for the draws that
+    share some.
     """
 
     matrix: Array
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         object.__setattr__(self, "_root", np.linalg.cholesky(self.matrix))
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Numbers (n, d) of these rows of a stream: each row depends on its number and nothing else."""
+        """Return numbers (n, d) of these rows of a stream: each row depends on its number and nothing else."""
         root: Array = self._root  # type: ignore[attr-defined]
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # Sums in one order, whatever the number of rows: products of matrices depend on it in the last bit.
         return np.stack([sum_of(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 
     def keeping(self, i: int, of: Array, fresh: Array) -> Array:
-        """Numbers with the i-th of `of`, the others drawn for it anew: from fresh ones, (n, d) as they."""
+        """Return numbers with the i-th of `of`, the others drawn for it anew: from fresh ones, (n, d) as they."""
         found = fresh + self.matrix[i] * (of[:, i] - fresh[:, i])[:, None]
         found[:, i] = of[:, i]
         return found
 
     def but(self, i: int, of: Array, fresh: Array) -> Array:
-        """Numbers with all of `of` but the i-th, which is drawn for them anew."""
+        """Return numbers with all of `of` but the i-th, which is drawn for them anew."""
         found = of.copy()
         found[:, i] = fresh[:, i] + self._expected(i, of) - self._expected(i, fresh)
         return found
 
     def _expected(self, i: int, of: Array) -> Array:
-        """The mean of the i-th, by the others."""
+        """Return the mean of the i-th, by the others."""
         inverse: Array = self._inverse[i]  # type: ignore[attr-defined]
         others = [j for j in range(len(inverse)) if j != i]
         return -sum_of(inverse[others], of[:, others]) / inverse[i]
@@ -69,7 +72,7 @@ def shares(z: Array) -> Array:
 
 
 def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
-    """The matrix (d, d) of numbers with these names, by default that of independent ones. Raises ParameterError."""
+    """Return the matrix (d, d) of numbers with these names, by default of independent ones. Raises ParameterError."""
     if given is None:
         return np.eye(len(names))
     matrix = real_array("correlation", given)

@@ -23,7 +23,7 @@ class Distribution(ABC):
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:
-        """The numbers below which these shares of all are, u in (0, 1)."""
+        """Return the numbers below which these shares of all are, u in (0, 1)."""
 
     @property
     def range(self) -> tuple[float, float]:
@@ -45,6 +45,7 @@ class Normal(Distribution):
     high: float = np.inf
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         _finite(self, "mean", "deviation")
         require(
             self.deviation > 0.0,
@@ -64,11 +65,11 @@ class Normal(Distribution):
         )
 
     def _ends(self) -> tuple[float, float]:
-        """The shares that are below low and high."""
+        """Return the shares that are below low and high."""
         return tuple(float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))  # type: ignore[return-value]
 
     def quantile(self, u: Array) -> Array:
-        """Of what is between both ends."""
+        """Return quantiles of the part between both ends."""
         below, above = self._ends()
         found = self.mean + self.deviation * ndtri(below + u * (above - below))
         return np.asarray(np.clip(found, self.low, self.high))
@@ -82,6 +83,7 @@ class Uniform(Distribution):
     high: float
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         _finite(self, "low", "high")
         _require_spread(self.low, self.high, "a uniform distribution")
 
@@ -92,8 +94,9 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class Triangular(Distribution):
-    """A density that rises from low to the mode, and falls to high. Raises ParameterError unless low ≤ mode ≤ high and
-    low < high.
+    """A density that rises from low to the mode, and falls to high.
+
+    Raises ParameterError unless low ≤ mode ≤ high and low < high.
     """
 
     low: float
@@ -101,6 +104,7 @@ class Triangular(Distribution):
     high: float
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         _finite(self, "low", "mode", "high")
         _require_spread(self.low, self.high, "a triangular distribution")
         require(
@@ -126,6 +130,7 @@ class LogNormal(Distribution):
     deviation: float
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name in ("median", "deviation"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), positive=True))
 
@@ -136,7 +141,7 @@ class LogNormal(Distribution):
 
 @dataclass(frozen=True)
 class Measured(Distribution):
-    """What was measured on some gears, and between: each is as frequent, and ranks between two are interpolated.
+    """Measured values of some gears: each is as frequent, and ranks between two are interpolated.
 
     Raises ParameterError unless there are two different numbers.
     """
@@ -144,6 +149,7 @@ class Measured(Distribution):
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         values = np.sort(real_array("values", self.values))
         require(values.ndim == 1 and values.size >= 2, "measured values must be a list of two numbers at least")
         require(bool(np.isfinite(values).all()), "measured values must be finite")
@@ -169,7 +175,15 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 def distribution_of(text: str) -> Distribution:
     """Read WORD:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0 (the third and fourth: the ends that it is cut at).
 
-    Raises ParameterError.
+    Returns
+    -------
+    Distribution
+        The distribution.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     word, *rest = (part.strip() for part in text.split(":"))
     kind: Any = DISTRIBUTIONS.get(word)

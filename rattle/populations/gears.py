@@ -1,4 +1,4 @@
-"""What becomes of the gears of a population: many at once, each as it would alone."""
+"""Compute the gears of a population: many at once, each as it would be alone."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Gears(NamedTuple):
 
 
 def computed(plan: Plan, start: int, stop: int) -> Gears:
-    """These rows of a population; each row's numbers depend on nothing but the plan and its number."""
+    """Return these rows of a population; a row's numbers depend on the plan and its number only."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)
@@ -72,22 +72,30 @@ def blocks(delta: Array, count: int) -> list[slice]:
 def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
     """Σv²/2 per revolution of what so many samples of each gear come to, (n, count), rising, NaN last."""
     tau, v = states(plan, points, count, seed)
-    table, row, cells, how = followed(points, tau, v, plan.budget)
+    table, row, cells, how = follow_gears(points, tau, v, plan.budget)
     energy = intensities_of(table, cells, how).energy
     return np.sort(np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
 
 
-def followed(
+def follow_gears(
     points: Points, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
-    """The attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities ask."""
+    """Return the attractors of states (n, count) of gears (n,), the row of each state, and data for intensities."""
     model = MODELS[points.parameters.model]
     found = model.classified(points.parameters, tau, v, budget)
     return *tabulated(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
-    """The states (n, count) from which the gears begin: those of `Gear.attractors`, or what shocks make of rest."""
+    """Return the states (n, count) from which the gears begin.
+
+    Those of `Gear.attractors`, or the results of shocks on a gear at rest.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Phases and speeds (n, count).
+    """
     at = points.parameters
     if plan.shock is None:
         return SampleSpec(count, NATURAL, seed).states(at)
@@ -98,15 +106,22 @@ def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Ar
 
 
 def of_shares(given: float | str | Distribution, u: Array) -> Array:
-    """A number, or what has these shares of a distribution below it."""
+    """Return a number, or what has these shares of a distribution below it."""
     if isinstance(given, Distribution):
         return given.quantile(np.clip(u, LEAST, 1.0 - LEAST))
     return np.full(u.shape, float(given))
 
 
 def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
-    """Whether gears (n,) pass: by their share of quiet runs, with more and more samples until it is told with 95 %
-    confidence, or by the margin of quiet running.
+    """Return whether gears (n,) pass.
+
+    By their share of quiet runs, with more and more samples until it is told with 95 % confidence, or by the margin of
+    quiet running.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        1: it passes, 0: it does not, else undecided.
     """
     if plan.margin is not None:
         least = plan.margin if points.units is None else plan.margin / points.units.velocity

@@ -18,7 +18,7 @@ from rattle.machine import Machine
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
 from rattle.models import MODELS, Capability
 from rattle.numerics.sampling import initial_conditions, wilson_interval
-from rattle.populations.gears import followed
+from rattle.populations.gears import follow_gears
 from rattle.populations.plan import LARGEST_SEED, MOST_SHARE
 from rattle.populations.tolerances import is_machine, points_of, require_known
 
@@ -55,15 +55,30 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one:
-    the largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
+    """Return the limit of a number up to which a gear runs quietly with probability `share`, there and at safer ones.
 
-    given: its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what
-    a drawing says of the number itself is passed over. The probability is that of states of [0, 1) × (0, natural
-    speed), the same `count` for every value. First SCANNED values are looked at from the safe side on, by default to
-    where nothing is quiet; between two of them the limit is solved for, and the interval is where the share is not told
-    from what is asked. A window of rattling narrower than a step of that scan can be missed: `between` makes it finer.
-    Raises ParameterError.
+    The largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
+
+    The probability is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED
+    values are looked at from the safe side on, by default to where nothing is quiet; between two of them the limit is
+    solved for, and the interval is where the share is not told from what is asked. A window of rattling narrower than a
+    step of that scan can be missed: `between` makes it finer.
+
+    Parameters
+    ----------
+    given : Mapping[str, Any]
+        Its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what a
+        drawing says of the number itself is passed over.
+
+    Returns
+    -------
+    Limit
+        The limit with its interval.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     solver = _Solver(given, of, share, between, count, seed, budget)
     return solver.solved()
@@ -72,9 +87,19 @@ def design_limit(
 def design_limits(
     given: Mapping[str, Any], of: str, over: str, values: Iterable[float], share: float = 0.99, **more: Any
 ) -> list[Limit]:
-    """The limit of one number as a curve over another, at these values of it: `design_limit` with its other arguments.
+    """Return the limit of one number as a curve over another, at these values of it.
 
-    Raises ParameterError.
+    `design_limit` with its other arguments.
+
+    Returns
+    -------
+    list[Limit]
+        A limit for each value.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(over != of, f"a limit of {of} is over another number")
     return [design_limit({**given, over: value}, of, share, **more) for value in values]
@@ -148,7 +173,7 @@ class _Solver:
         return 1.0 / end, SPAN / end
 
     def _widest(self) -> float:
-        """The widest backlash or eccentricity of a machine."""
+        """Return the widest backlash or eccentricity of a machine."""
         return float(WIDEST * self.given.get("radius", math.inf))
 
     def _require_machine(self) -> None:
@@ -158,7 +183,15 @@ class _Solver:
                 Machine(**{**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Of so many samples those that end quietly, and those that may: undecided, if there is a quiet motion."""
+        """Return the samples, of so many, that end quietly, and those that may.
+
+        The latter are undecided ones, if there is a quiet motion.
+
+        Returns
+        -------
+        tuple[int, int]
+            Both numbers.
+        """
         points = points_of({**self.given, self.of: np.array([value])})
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
@@ -166,14 +199,12 @@ class _Solver:
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
         speeds = sampled_speeds(NATURAL, at.delta, at.epsilon, at.beta)
-        table, row, _cells, _how = followed(points, tau, v * speeds[:, None], self.budget)
+        table, row, _cells, _how = follow_gears(points, tau, v * speeds[:, None], self.budget)
         kind = table.kind[row]
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
-        """By how much the share of quiet runs is more than what is asked, as it is found and at both ends of its
-        interval.
-        """
+        """Return the excess of the share of quiet runs over the required one, and at both ends of its interval."""
         if (known := self.known.get((value, count))) is None:
             samples = count or self.count
             quiet, undecided = self.ended(value, samples)
@@ -183,15 +214,21 @@ class _Solver:
         return known
 
     def solved(self) -> Limit:
-        """The limit, and the ends of its interval."""
+        """Return the limit, and the ends of its interval."""
         last = self._first_too_much()
         (inside, outside), (sure, _), (_, possible) = (self._crossing(which, last) for which in Excess._fields)
         low, high = (sure, possible) if SAFE_IF_SMALL[self.of] else (possible, sure)
         return Limit(0.5 * (inside + outside), low, high)
 
     def _first_too_much(self) -> int:
-        """The first of the values that is too much, by the samples of the scan if these are sure, else by all; their
-        number where none is.
+        """Return the first of the values that is too much, by the samples of the scan if these are sure, else by all.
+
+        Their number where none is.
+
+        Returns
+        -------
+        int
+            Index of the value.
         """
         for i, value in enumerate(self.scanned):
             few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))

@@ -17,10 +17,21 @@ LEAST = 3  # gears
 
 
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
-    """The numbers of measured gears, from a table with a header that names them (eccentricity, …; SI units) and a row
-    for each gear: their distributions, and their correlation as `population` takes it.
+    """Read the numbers of measured gears.
 
-    Raises ParameterError, and RattleError if the file cannot be read.
+    From a table with a header that names them (eccentricity, …; SI units) and a row for each gear.
+
+    Returns
+    -------
+    tuple[dict[str, Measured], NDArray[np.float64]]
+        Their distributions, and their correlation as `population` takes it.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the file cannot be read.
     """
     names = *DIMENSIONLESS, *OF_MACHINE
     found = read_columns(path, names)
@@ -32,7 +43,7 @@ def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float6
 
 
 def _scores(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The normal numbers of ranks; equal values share theirs."""
+    """Return the normal numbers of ranks; equal values share theirs."""
     order = np.sort(values)
     ranks = 0.5 * (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right"))
     return np.asarray(ndtri(ranks / values.size))

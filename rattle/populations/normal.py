@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 
 def ndtr(z: Any) -> NDArray[np.float64]:
-    """The share that is below z."""
+    """Return the share that is below z."""
     from scipy import special  # a fifth of a second to load
 
     return np.asarray(special.ndtr(z))
 
 
 def ndtri(u: Any) -> NDArray[np.float64]:
-    """The number below which a share u is."""
+    """Return the number below which a share u is."""
     from scipy import special
 
     return np.asarray(special.ndtri(u))

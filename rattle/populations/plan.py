@@ -1,4 +1,4 @@
-"""Which gears a population consists of, and what is computed of them: each row by its number alone."""
+"""Plan a population: its gears and the computed quantities, each row by its number alone."""
 
 from __future__ import annotations
 
@@ -30,14 +30,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Shock:
-    """A knock that parts resting teeth: the speed with which they leave, in m/s along the line of action for a machine,
-    else the model's, and the phase, by default any. Each is a number or a distribution. Raises ParameterError.
+    """A knock that parts resting teeth.
+
+    The speed with which they leave, in m/s along the line of action for a machine, else the model's, and the phase, by
+    default any. Each is a number or a distribution. Raises ParameterError.
     """
 
     speed: float | str | Distribution
     phase: float | str | Distribution = ANY_PHASE
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         for name in ("speed", "phase"):
             value = getattr(self, name)
             read = distribution_of(value) if isinstance(value, str) else value
@@ -50,9 +53,11 @@ class Shock:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The question: see `rattle.population`. Rows are counted through the parts: the population; its first `pairs`
-    gears again; these with one of their varying numbers kept and the others drawn anew, for each number; and with all
-    kept but one, for each. With one number that varies there is the population alone. Raises ParameterError.
+    """The question: see `rattle.population`.
+
+    Rows are counted through the parts: the population; its first `pairs` gears again; these with one of their varying
+    numbers kept and the others drawn anew, for each number; and with all kept but one, for each. With one number that
+    varies there is the population alone. Raises ParameterError.
     """
 
     tolerances: Tolerances
@@ -67,6 +72,7 @@ class Plan:
     budget: int = BUDGET
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         require_integer("gears", self.gears, 2, MOST_GEARS)
         require_integer("count", self.count, 1, MOST_COUNT)
         require_integer("seed", self.seed, 0, LARGEST_SEED)
@@ -104,31 +110,31 @@ class Plan:
         return self.gears + self.sharing * (1 + 2 * len(self.tolerances.names))
 
     def asked(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether each row is a gear that is asked whether it passes: they are spread over the population."""
+        """Return whether each row is a gear that is asked whether it passes: they are spread over the population."""
         number = rows * self.judging // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.judging // self.gears))
 
     def parts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The part of each row."""
+        """Return the part of each row."""
         return np.where(rows < self.gears, POPULATION, AGAIN + (rows - self.gears) // max(self.sharing, 1))
 
     def rows_of(self, part: int) -> slice:
-        """The rows of a part."""
+        """Return the rows of a part."""
         if part == POPULATION:
             return slice(0, self.gears)
         start = self.gears + (part - AGAIN) * self.sharing
         return slice(start, start + self.sharing)
 
     def keeping(self, i: int) -> int:
-        """The part of gears that keep the i-th number alone."""
+        """Return the part of gears that keep the i-th number alone."""
         return FIRST_SHARING + i
 
     def but(self, i: int) -> int:
-        """The part of gears that keep all numbers but the i-th."""
+        """Return the part of gears that keep all numbers but the i-th."""
         return FIRST_SHARING + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:
-        """The varying numbers (n, d) of these rows."""
+        """Return the varying numbers (n, d) of these rows."""
         copula, varying = self.tolerances.copula, len(self.tolerances.names)
         parts = self.parts(rows)
         base = np.where(parts == POPULATION, rows, (rows - self.gears) % max(self.sharing, 1))

@@ -28,18 +28,34 @@ def population(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Population:
-    """A population of gears: what their tolerances make of them.
+    """Return a population of gears: what their tolerances make of them.
 
-    given: the numbers of a gear by name, one or more a distribution (`Normal`, `Uniform`, `Triangular`, `LogNormal`,
-    `Measured`, or text as `distribution_of` reads it): delta, epsilon, beta and what a model adds, or those of a
-    `Machine` with rpm. correlation: a matrix of those that vary, its rows in this order, of a machine inertia, drag,
-    backlash, eccentricity, radius, rpm, stiffness. Each gear is followed from `count` states of [0, 1) × (0, natural
-    speed), or from what a shock makes of rest: few are enough for what is asked of all. For the yield, `judged` gears
-    pass whose share of quiet runs is at least `share`, or that no impact up to the speed `margin` (m/s of a machine)
-    takes out of quiet running. `pairs` of gears share numbers, for Sobol indices.
+    Each gear is followed from `count` states of [0, 1) × (0, natural speed), or from what a shock makes of rest: few
+    are enough for what is asked of all. For the yield, `judged` gears pass whose share of quiet runs is at least
+    `share`, or that no impact up to the speed `margin` (m/s of a machine) takes out of quiet running. `pairs` of gears
+    share numbers, for Sobol indices.
 
     Deterministic in all arguments; a gear depends on its number alone, and 40,000 of them are the first 40,000 of more.
-    Raises ParameterError.
+
+    Parameters
+    ----------
+    given : Mapping[str, Any]
+        The numbers of a gear by name, one or more a distribution (`Normal`, `Uniform`, `Triangular`, `LogNormal`,
+        `Measured`, or text as `distribution_of` reads it): delta, epsilon, beta and what a model adds, or those of a
+        `Machine` with rpm.
+    correlation : ArrayLike | None
+        A matrix of those that vary, its rows in this order, of a machine inertia, drag, backlash, eccentricity, radius,
+        rpm, stiffness.
+
+    Returns
+    -------
+    Population
+        The population.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     tolerances = Tolerances(given, correlation)
     plan = Plan(tolerances, gears, count, share, margin, shock, judged, pairs, seed, budget)

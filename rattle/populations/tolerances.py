@@ -1,4 +1,4 @@
-"""Which numbers of a gear are given, and how they vary: from random numbers to gears."""
+"""Numbers of a gear and how they vary: from random numbers to gears."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Points(NamedTuple):
     units: Units | None
 
     def some(self, which: Any) -> Points:
-        """Those of an index or a mask."""
+        """Return those of an index or a mask."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
         return Points(self.parameters.take(which), units)
@@ -54,6 +54,7 @@ class Tolerances:
     correlation: ArrayLike | None = None
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         given = {name: value for name, value in self.given.items() if value is not None}
         require_known(given)
         read = {name: _read(name, given[name]) for name in (*DIMENSIONLESS, *OF_MACHINE, "drive") if name in given}
@@ -107,18 +108,27 @@ class Tolerances:
         return Copula(np.asarray(self.correlation, np.float64))
 
     def values(self, z: Array) -> Array:
-        """The numbers (n, d) of gears with these normal numbers (n, d)."""
+        """Return the numbers (n, d) of gears with these normal numbers (n, d)."""
         u = shares(z)
         return np.stack([self.given[name].quantile(u[:, j]) for j, name in enumerate(self.names)], axis=1)
 
     def points(self, values: Array) -> Points:
-        """The gears whose varying numbers (n, d) these are. Raises ParameterError."""
+        """Return the gears whose varying numbers (n, d) these are. Raises ParameterError."""
         return points_of({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive. Raises
-    ParameterError.
+    """Return gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive.
+
+    Returns
+    -------
+    Points
+        Parameter points of the gears.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     numbers = {**OPTIONAL, **given}
     if not is_machine(given):
@@ -145,7 +155,7 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Whether numbers are a machine's."""
+    """Return whether numbers are a machine's."""
     return any(name in OF_MACHINE for name in given)
 
 

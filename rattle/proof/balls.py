@@ -34,33 +34,33 @@ def precision(bits: int = BITS) -> Iterator[None]:
 
 
 def tight() -> float:
-    """A radius that leaves three tenths of the bits to what is computed from such a ball."""
+    """Return a radius that leaves three tenths of the bits to what is computed from such a ball."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 
 def ball(number: Fraction) -> arb:
-    """The smallest ball that holds an exact number."""
+    """Return the smallest ball that holds an exact number."""
     return arb(fmpq(number.numerator, number.denominator))
 
 
 def around(centre: Fraction, radius: Fraction) -> arb:
-    """A ball that holds centre ± radius."""
+    """Return a ball that holds centre ± radius."""
     return ball(centre) + arb(0, 1) * ball(radius)
 
 
 def ends(x: arb) -> tuple[Fraction, Fraction]:
-    """Both ends of a ball, exactly or wider."""
+    """Return both ends of a ball, exactly or wider."""
     return exactly(x.lower()), exactly(x.upper())
 
 
 def exactly(x: arb) -> Fraction:
-    """The midpoint of a ball."""
+    """Return the midpoint of a ball."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
 def nearest(x: arb, places: int) -> Fraction:
-    """A decimal of so many places beside the midpoint of a ball."""
+    """Return a decimal of so many places beside the midpoint of a ball."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     whole = mantissa * 10**places
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)

@@ -1,4 +1,4 @@
-"""What is proved of one motion: exact numbers, so that anybody can check it."""
+"""Theorem about one motion: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Ends = tuple[Fraction, Fraction]
 
 
 class Verdict(StrEnum):
-    """What the enclosed multipliers say."""
+    """Verdict by the enclosed multipliers."""
 
     ATTRACTING = "attracting"
     SADDLE = "saddle"
@@ -58,6 +58,7 @@ class Certificate:
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def __str__(self) -> str:
+        """Return a readable description."""
         m, n_plus, n_minus = self.label
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         return (
@@ -66,7 +67,7 @@ class Certificate:
         )
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number but the integers is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
         return {
             "format": FORMAT,
             "model": self.model,
@@ -85,12 +86,12 @@ class Certificate:
         }
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)
 
 
-def exact(name: str, value: Exact) -> Fraction:
-    """A decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
+def exact_number(name: str, value: Exact) -> Fraction:
+    """Return a decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
     if isinstance(value, str):
         if NUMBER.fullmatch(value):
             return Fraction(value)
@@ -102,7 +103,7 @@ def exact(name: str, value: Exact) -> Fraction:
 
 
 def text(value: Fraction) -> str:
-    """An exact number as a decimal, or as a ratio where it is none."""
+    """Return an exact number as a decimal, or as a ratio where it is none."""
     twos, fives, rest = 0, 0, value.denominator
     while rest % 2 == 0:
         rest, twos = rest // 2, twos + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rattle.errors import ParameterError, require
 from rattle.orbits.periodic import Periodic
-from rattle.proof.certificate import Certificate, Exact, exact
+from rattle.proof.certificate import Certificate, Exact, exact_number
 
 SAME = 1e-14  # relative difference that rounding may leave
 
@@ -21,6 +21,16 @@ def certify(
     Its parameters are the doubles that they are, or exact numbers given here that differ by rounding alone: text such
     as "0.6" or "3/5", or a Fraction. Needs the extra `proof`. Raises ParameterError, and NotProvedError where no proof
     was found, which says why; then the motion may still be there. Source: docs/proofs.md.
+
+    Returns
+    -------
+    Certificate
+        The certificate.
+
+    Raises
+    ------
+    ParameterError
+        If an exact number is not that of the motion.
     """
     require(isinstance(orbit, Periodic), f"orbit must be a periodic motion, got {type(orbit).__name__}")
     events = len(orbit.walls)
@@ -34,7 +44,7 @@ def certify(
         if has is None:
             require(given is None, f"this gear has no {name}: leave it out")
             continue
-        parameters[name] = exact(name, has if given is None else given)
+        parameters[name] = exact_number(name, has if given is None else given)
         if abs(float(parameters[name]) - has) > SAME * abs(has):
             raise ParameterError(f"{name} of the motion is {has!r}: it was not computed at {given}")
     from rattle.proof.finder import certified  # with python-flint, which only proofs need

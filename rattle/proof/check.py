@@ -29,34 +29,35 @@ class Refused(Exception):  # noqa: N818 - it is an answer, no fault
 
 
 def require(ok: bool, why: str) -> None:
+    """Raise Refused unless ok."""
     if not ok:
         raise Refused(why)
 
 
-def exact(text: str) -> Interval:
-    """An interval about the very number that a decimal or a ratio is."""
+def exact_fraction(text: str) -> Interval:
+    """Return an interval about the very number that a decimal or a ratio is."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number")
     number = Fraction(text)
     return IV.mpf(number.numerator) / IV.mpf(number.denominator)
 
 
-def positive(*intervals: Interval) -> bool:
-    """Whether all numbers of all intervals are > 0; what is not a number is not."""
+def is_positive(*intervals: Interval) -> bool:
+    """Return whether all numbers of all intervals are > 0; what is not a number is not."""
     return all(bool(x.a > 0) and bool(x.b > 0) for x in intervals)
 
 
-def turned(x: Interval) -> tuple[Interval, Interval]:
+def sine_and_cosine(x: Interval) -> tuple[Interval, Interval]:
     """Sine and cosine of 2πx."""
     return IV.sin(TWO_PI * x) + SLACK, IV.cos(TWO_PI * x) + SLACK
 
 
-class Motion:
-    """What a certificate says of a motion: its events are impacts, or begins and ends of contacts."""
+class CertifiedMotion:
+    """Motion of a certificate: its events are impacts, or begins and ends of contacts."""
 
     def __init__(self, document: Any) -> None:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
         require({*document["parameters"]} == {*names}, f"its parameters are not {', '.join(names)}")
-        self.delta, self.epsilon, self.beta, *kappa = (exact(document["parameters"][name]) for name in names)
+        self.delta, self.epsilon, self.beta, *kappa = (exact_fraction(document["parameters"][name]) for name in names)
         self.itinerary, (self.m, *counts) = document["walls"], document["label"]
         whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
         require(whole, "its walls are not 1 and -1, or its forcing periods not 1, 2, …")
@@ -66,15 +67,28 @@ class Motion:
         times, speeds = document["times"], document["speeds"]
         require(len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS, "it has other times than events")
         signs = [-wall * (-1 if kappa and i % 2 == 0 else 1) for i, wall in enumerate(self.walls)]
-        self.centre = [x for t, v, sign in zip(times, speeds, signs, strict=True) for x in (exact(t), sign * exact(v))]
-        self.radii = [exact(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
-        require(positive(self.delta, self.beta, *kappa, *self.radii), "a parameter or a radius is not positive")
+        self.centre = [
+            x
+            for t, v, sign in zip(times, speeds, signs, strict=True)
+            for x in (exact_fraction(t), sign * exact_fraction(v))
+        ]
+        self.radii = [exact_fraction(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
+        require(is_positive(self.delta, self.beta, *kappa, *self.radii), "a parameter or a radius is not positive")
 
-    def pieces(self, x: Sequence[Interval]) -> "list[Piece]":
-        return [Piece(self, i, x) for i in range(len(self.walls))]
+    def pieces(self, x: Sequence[Interval]) -> "list[MotionPiece]":
+        """Return the pieces of the motion between its events."""
+        return [MotionPiece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
-        """What y and the velocity lack at the end of each piece, all 0 for a motion; rows {unknown: derivative}."""
+        """Return the errors of y and the velocity at the end of each piece, all 0 for a motion.
+
+        With rows {unknown: derivative}.
+
+        Returns
+        -------
+        tuple[list[Interval], list[dict[int, Interval]]]
+            Errors, and rows of derivatives.
+        """
         values, rows = [], []
         for p in self.pieces(x):
             (y, v), (c, s, c1, s1) = p.after(p.duration), p.tangent(p.duration)
@@ -100,7 +114,7 @@ class Motion:
                     sum((line[k] * rows[k][j] for k in range(n) if j in rows[k]), ZERO - (i == j)) for j in range(n)
                 ]
                 moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
-            inside = (positive(radius - dx, radius + dx) for radius, dx in zip(self.radii, moved, strict=True))
+            inside = (is_positive(radius - dx, radius + dx) for radius, dx in zip(self.radii, moved, strict=True))
             require(all(inside), "its box is not mapped into itself")
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
@@ -110,7 +124,9 @@ class Motion:
         for i, p in enumerate(self.pieces(x), 1):
             side = p.wall if p.k != 0 else -p.wall  # a contact is beyond its wall
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
-            require(positive(p.duration, *speeds), f"piece {i} takes no time, or grazes, or comes from behind a wall")
+            require(
+                is_positive(p.duration, *speeds), f"piece {i} takes no time, or grazes, or comes from behind a wall"
+            )
             require(p.stays(), f"piece {i} may meet a wall, or leave it, on its way")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
@@ -121,10 +137,18 @@ class Motion:
             shifted = [*self.itinerary[shift:], *self.itinerary[:shift]]
             if self.m % parts == n % parts == 0 and shifted == self.itinerary:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift * len(self.k) :], strict=False)]
-                require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+                require(any(is_positive(gap) or is_positive(-gap) for gap in gaps), f"it may repeat {parts} times")
 
     def trace(self, x: Sequence[Interval]) -> Interval:
-        """Of the tangent map over the period; that of an impact is [[−1, 0], [2g/v, −1]], v the velocity before."""
+        """Return the trace of the tangent map over the period.
+
+        That of an impact is [[−1, 0], [2g/v, −1]], v the velocity before.
+
+        Returns
+        -------
+        Interval
+            Enclosure of the trace.
+        """
         a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
         for p in self.pieces(x):
             e, f, g, h = p.tangent(p.duration)
@@ -135,10 +159,10 @@ class Motion:
         return a + d
 
 
-class Piece:
+class MotionPiece:
     """y'' + δy' + ky = g(t) from event i to the next, where y is Φ less what it is at the event."""
 
-    def __init__(self, motion: Motion, i: int, x: Sequence[Interval]) -> None:
+    def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
         j = (i + 1) % len(motion.walls)
         self.unknowns, self.wall, self.target = (2 * i, 2 * i + 1, 2 * j, 2 * j + 1), motion.walls[i], motion.walls[j]
         self.t, self.w, t1, self.next = (x[unknown] for unknown in self.unknowns)
@@ -150,13 +174,13 @@ class Piece:
         self.y0, self.v0 = self.driven(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
-        sine, cosine = turned(self.t + u)
+        """Return g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def driven(self, u: Interval) -> tuple[Interval, Interval]:
-        """One solution of the equation, and its derivative, after u."""
-        sine, cosine = turned(self.t + u)
+        """Return one solution of the equation, and its derivative, after u."""
+        sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0
         return y + 2 * TWO_PI * (u if flies else self.delta / self.k), v + (2 * TWO_PI if flies else 0)
@@ -167,28 +191,36 @@ class Piece:
         s = (1 - kept**2) / self.delta
         if self.k != 0:
             rate = IV.sqrt(self.k - self.delta**2 / 4)  # raises ValueError if contacts are overdamped
-            sine, cosine = turned(rate * u / TWO_PI)
+            sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s
 
     def after(self, u: Interval) -> tuple[Interval, Interval]:
-        """y and y' after u."""
+        """Return y and y' after u."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def stays(self) -> bool:
-        """Whether y is clear of the walls, or in contact beyond its wall, at all times but both ends of the piece."""
+        """Return whether y clears the walls, or stays in contact beyond its wall, within the piece.
+
+        At all times but both ends.
+
+        Returns
+        -------
+        bool
+            The answer.
+        """
 
         def clear(y: Interval) -> bool:
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
-            return positive(self.wall * y) if self.k != 0 else positive(*free)
+            return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
         for _ in range(MOST_PARTS):  # y is clear, or on its wall, at the ends of each; between them if y' has one sign
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.after(part)[1]
-            if not (positive(slope) or positive(-slope)):
+            if not (is_positive(slope) or is_positive(-slope)):
                 y = self.after(middle)[0]
                 if not clear(y):
                     return False
@@ -203,9 +235,9 @@ def roots(trace: Interval, determinant: Interval) -> list[Interval]:
     """Real and imaginary parts, in turn, of both roots of λ² − trace λ + determinant."""
     half, square = trace / 2, trace**2 / 4 - determinant
     root = IV.sqrt(abs(square))
-    if positive(square):
+    if is_positive(square):
         return [half + root, ZERO, half - root, ZERO]
-    return [half, root, half, -root] if positive(-square) else [half + root * UNIT, root * UNIT] * 2
+    return [half, root, half, -root] if is_positive(-square) else [half + root * UNIT, root * UNIT] * 2
 
 
 def check(text: str) -> str:
@@ -213,19 +245,21 @@ def check(text: str) -> str:
     try:
         document = json.loads(text)
         require(document["format"] == 1, "its format is not known")
-        motion = Motion(document)
+        motion = CertifiedMotion(document)
         x = motion.enclosed()
         motion.require_admissible(x)
         motion.require_least_period(x)
         trace, determinant = motion.trace(x), IV.exp(-motion.delta * motion.m) * (1 + SLACK)
         claims = [document["trace"], document["determinant"], *document["multipliers"]]
         for x, ends in zip([trace, determinant, *roots(trace, determinant)], claims, strict=True):
-            low, high = (exact(end) for end in ends)
-            ok = positive(x - low, high - x) or x == low == high == ZERO
+            low, high = (exact_fraction(end) for end in ends)
+            ok = is_positive(x - low, high - x) or x == low == high == ZERO
             require(ok, f"a number is not proved to be between {' and '.join(ends)}")
         room = 1 + determinant - trace, 1 + determinant + trace
-        outside, verdict = positive(-room[0]) or positive(-room[1]), document["verdict"]
-        require({"attracting": positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"), "its verdict")
+        outside, verdict = is_positive(-room[0]) or is_positive(-room[1]), document["verdict"]
+        require(
+            {"attracting": is_positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"), "its verdict"
+        )
         where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
         return f"P({', '.join(map(str, document['label']))}), {verdict}, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:

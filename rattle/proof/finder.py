@@ -16,7 +16,7 @@ from rattle.orbits.periodic import Periodic
 from rattle.proof import impacting, stiff
 from rattle.proof.balls import BITS, VERSIONS, arb, around, ball, ends, exactly, nearest, precision
 from rattle.proof.certificate import Certificate, Ends, Verdict
-from rattle.proof.flights import Plane
+from rattle.proof.flights import ModelPlane
 from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
 
 ROOM = 10**4  # times the width of a ball that a published enclosure is wider: others round in other ways
@@ -26,7 +26,7 @@ SAME_TRACE = 1e-6
 LONG = 16  # impacts; derivatives along more of them multiply to what 128 bits may not enclose
 
 
-class Motion(Evaluated, Protocol):
+class MotionSystem(Evaluated, Protocol):
     """A periodic motion whose times are known in balls."""
 
     @property
@@ -42,7 +42,7 @@ class Motion(Evaluated, Protocol):
 
 
 def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
-    """The theorem about a computed motion at exact parameters. Raises NotProvedError."""
+    """Return the theorem about a computed motion at exact parameters. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
         motions, start = motions_of(orbit, parameters)
         found = enclosed(motions, start)
@@ -72,13 +72,13 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
-) -> tuple[Callable[[Sequence[arb]], Motion], NDArray[np.float64]]:
-    """The motions of a computed one's itinerary by their times, and its own."""
-    plane = Plane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
+) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
+    """Return the motions of a computed one's itinerary by their times, and its own."""
+    plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
-        return impacting.Impacting(plane, orbit.walls, orbit.m), orbit.departures
+        return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
-    return stiff.Stiff(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
+    return stiff.StiffSystem(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
 
 
 def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
@@ -109,8 +109,15 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Of λ² − trace λ + determinant with 0 < determinant < 1: both roots are inside the unit circle if and only if
-    |trace| < 1 + determinant, and one is outside if |trace| is more.
+    """Return the verdict by λ² − trace λ + determinant with 0 < determinant < 1.
+
+    Both roots are inside the unit circle if and only if |trace| < 1 + determinant, and one is outside if |trace| is
+    more.
+
+    Returns
+    -------
+    Verdict
+        The verdict.
     """
     if abs(trace) < 1 + determinant:
         return Verdict.ATTRACTING
@@ -131,7 +138,7 @@ def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
 
 
 def published(x: arb) -> Ends:
-    """Ends of an enclosure in few digits, wider than the ball."""
+    """Return the ends of an enclosure in few digits, wider than the ball."""
     if not x.is_finite():
         raise NotProvedError("its multipliers are not enclosed: its derivatives grow too fast on the way")
     low, high = ends(x)
@@ -142,7 +149,7 @@ def published(x: arb) -> Ends:
 
 
 def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """What no speed of the box is farther from its centre than, in two digits."""
+    """Return a bound of the distance of the box's speeds from their centres, in two digits."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exactly(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

@@ -21,7 +21,7 @@ UP, DOWN = 1, -1
 
 
 @dataclass(frozen=True)
-class Plane:
+class ModelPlane:
     """δ, ε and β in balls, and what follows from them alone."""
 
     delta: arb
@@ -44,7 +44,7 @@ class Plane:
         return 2 * PI() * self.swing
 
     def force(self, sine: arb, cosine: arb) -> arb:
-        """g where the forcing has this sine and cosine."""
+        """Return g where the forcing has this sine and cosine."""
         return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
 
     @cached_property
@@ -60,10 +60,10 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightEnclosure:
     """A flight from time t0 over a distance to time t1, with velocities w0 and w1; derivatives as w0_t0 = ∂w0/∂t0."""
 
-    plane: Plane
+    plane: ModelPlane
     t0: arb
     t1: arb
     rest: arb  # C, the part of −Φ' that decays, at t0
@@ -84,14 +84,16 @@ class Flight:
         return height + plane.drift * (t - self.t0), plane.drift - plane.swing * sine - self.rest * kept
 
 
-def flight(plane: Plane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb) -> Flight:
-    """The flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
+def flight(
+    plane: ModelPlane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
+) -> FlightEnclosure:
+    """Return the flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
     (sin0, cos0), (sin1, cos1), delta = turn0, turn1, plane.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
     rest = (plane.drift * (t1 - t0) + plane.epsilon * (cos1 - cos0) - distance) * pull
     w0, w1 = plane.drift - plane.swing * sin0 - rest, plane.drift - plane.swing * sin1 - rest * decay
-    return Flight(
+    return FlightEnclosure(
         plane, t0, t1, rest, cos0, w0, w1, decay,
         w0_t0=w0 * pull + delta * rest - plane.forcing * cos0,
         w0_t1=-pull * w1,
@@ -101,13 +103,19 @@ def flight(plane: Plane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[
 
 
 def sign(x: arb) -> int:
-    """The sign that all numbers of a ball have, 0 if they have not one."""
+    """Return the sign that all numbers of a ball have, 0 if they have not one."""
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
-def require_first(flight: Flight, wall: int, target: int, name: str) -> None:
-    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` with speeds that are not 0 and has all
-    its extrema between the walls: then it meets none on its way.
+def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
+    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` first.
+
+    Its speeds are not 0 and all its extrema are between the walls: then it meets none on its way.
+
+    Raises
+    ------
+    NotProvedError
+        If another wall may come first.
     """
     if not flight.t1 > flight.t0:
         raise NotProvedError(f"{name} would take no time")
@@ -119,10 +127,20 @@ def require_first(flight: Flight, wall: int, target: int, name: str) -> None:
             raise NotProvedError(f"{name} may touch Σ{'⁻' if turn == UP else '⁺'} on its way")
 
 
-def extrema(flight: Flight, name: str) -> Iterator[tuple[int, arb]]:
+def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     """(UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there) of all extrema of a flight.
 
     Between two zeros of g M is monotone, and at them the sign of Φ' is told: each change of sign is an extremum.
+
+    Yields
+    ------
+    tuple[int, arb]
+        UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there.
+
+    Raises
+    ------
+    NotProvedError
+        If the extrema cannot be told apart.
     """
     places = [flight.t0]
     for time in [*cuts(flight), flight.t1]:
@@ -138,8 +156,8 @@ def extrema(flight: Flight, name: str) -> Iterator[tuple[int, arb]]:
             yield after, extremum(flight, start, end, name)
 
 
-def cuts(flight: Flight) -> list[arb]:
-    """The times in a flight, or within rounding of its ends, at which g vanishes, in order."""
+def cuts(flight: FlightEnclosure) -> list[arb]:
+    """Return the times in a flight, or within rounding of its ends, at which g vanishes, in order."""
     found = []
     for edge in flight.plane.edges:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
@@ -150,10 +168,20 @@ def cuts(flight: Flight) -> list[arb]:
     return sorted(found, key=lambda time: float(time.mid()))
 
 
-def extremum(flight: Flight, start: arb, end: arb, name: str) -> arb:
-    """A ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
+def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
+    """Return a ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
 
     At any e there |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start.
+
+    Returns
+    -------
+    arb
+        The ball.
+
+    Raises
+    ------
+    NotProvedError
+        If the zero is not enclosed.
     """
     turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):
@@ -163,7 +191,7 @@ def extremum(flight: Flight, start: arb, end: arb, name: str) -> arb:
     return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
 
 
-def _turn(flight: Flight, start: float, end: float) -> float:
+def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
     """About where Φ' changes sign, in doubles: whatever it is, the bound about it holds."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)

@@ -10,17 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import Flight, Plane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
 
 MODEL = "impacting"  # its name in certificates
 
 
 @dataclass(frozen=True)
-class Impacts:
+class ImpactEnclosures:
     """Flights (n,) in turn, each from the impact of its number; unknowns: the times (n,) of the impacts."""
 
     walls: tuple[int, ...]
-    flights: list[Flight]
+    flights: list[FlightEnclosure]
 
     @property
     def residual(self) -> list[arb]:
@@ -64,15 +64,15 @@ class Impacts:
 
 
 @dataclass(frozen=True)
-class Impacting:
+class ImpactingSystem:
     """The motions that meet these walls (n,) in m forcing periods, by the times (n,) of their impacts."""
 
-    plane: Plane
+    plane: ModelPlane
     walls: tuple[int, ...]
     m: int
 
-    def __call__(self, times: Sequence[arb]) -> Impacts:
-        """The motion of these times; where R is not 0 its impacts are not elastic."""
+    def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
+        """Return the motion of these times; where R is not 0 its impacts are not elastic."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(
@@ -81,4 +81,4 @@ class Impacting:
             )
             for i in range(n)
         ]  # fmt: skip
-        return Impacts(self.walls, flights)
+        return ImpactEnclosures(self.walls, flights)

@@ -45,12 +45,22 @@ class Enclosure:
 
 
 def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
-    """The zero near a computed one.
+    """Return the zero near a computed one.
 
     K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) inside X proves it, whatever C is, and K(X) holds the zero: R. Krawczyk,
-    Computing 4 (1969) 187–201. Raises NotProvedError, also if that is farther away than rounding can have left.
+    Computing 4 (1969) 187–201.
+
+    Returns
+    -------
+    Enclosure
+        The enclosure.
+
+    Raises
+    ------
+    NotProvedError
+        Also if that is farther away than rounding can have left.
     """
-    about, centre = refined(equations, start)
+    about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
     step, small = about * column(equations(x).residual), tight()
     for radius in RADII:
@@ -65,9 +75,20 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     raise NotProvedError("no box about the motion is mapped into itself: it is too close to a bifurcation")
 
 
-def refined(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
-    """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method: then all of its places follow
-    from the equations alone, not from how a machine adds doubles.
+def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
+    """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method.
+
+    Then all of its places follow from the equations alone, not from how a machine adds doubles.
+
+    Returns
+    -------
+    tuple[arb_mat, list[Fraction]]
+        The inverse, and the zero.
+
+    Raises
+    ------
+    NotProvedError
+        If the Jacobian is singular.
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)
@@ -94,7 +115,7 @@ def inverse(matrix: arb_mat) -> arb_mat:
 
 
 def column(entries: Sequence[arb]) -> arb_mat:
-    """A vector (n, 1)."""
+    """Return a vector (n, 1)."""
     return arb_mat(len(entries), 1, list(entries))
 
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
-from rattle.proof.flights import Flight, Plane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
 
 MODEL, ADDED = "stiff", "kappa"  # its name in certificates, and what it has beside the plane
 MOST_PARTS = 2000  # of a contact, in the proof that it lasts
@@ -22,7 +22,7 @@ MOST_PARTS = 2000  # of a contact, in the proof that it lasts
 class Walls:
     """The plane, and the stiffness κ of its walls."""
 
-    plane: Plane
+    plane: ModelPlane
     kappa: arb
 
     @cached_property
@@ -46,12 +46,12 @@ class Walls:
         return square.sqrt()
 
     def steady(self, t: arb) -> tuple[arb, arb]:
-        """y and y' of the steady motion: permanent contact."""
+        """Return y and y' of the steady motion: permanent contact."""
         (a, b), (sine, cosine) = self.response, (2 * t).sin_cos_pi()
         return self.mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
-        """The tangent map (C, S, −2κS, C − δS) of (y, y') over the time u of contact."""
+        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over the time u of contact."""
         delta = self.plane.delta
         sine, cosine = (self.rate * u).sin_cos()
         kept = (-delta * u / 2).exp()
@@ -60,12 +60,12 @@ class Walls:
         return c, s, -2 * self.kappa * s, c - delta * s
 
     def force(self, time: arb) -> arb:
-        """g."""
+        """Return g."""
         return self.plane.force(*(2 * time).sin_cos_pi())
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactEnclosure:
     """A contact from time t0, with velocity w, to time t1."""
 
     walls: Walls
@@ -75,7 +75,7 @@ class Contact:
 
     @cached_property
     def start(self) -> tuple[arb, arb]:
-        """What y and y' lack of the steady motion at first."""
+        """Distance of y and y' from the steady motion at first."""
         y, v = self.walls.steady(self.t0)
         return -y, self.w - v
 
@@ -86,11 +86,11 @@ class Contact:
 
     @cached_property
     def end(self) -> tuple[arb, arb]:
-        """y and y' at t1."""
+        """The value of y and y' at t1."""
         return self._moved(self.t1, self.tangent)
 
     def at(self, t: arb) -> tuple[arb, arb]:
-        """y and y'."""
+        """Return y and y'."""
         return self._moved(t, self.walls.tangent(t - self.t0))
 
     def _moved(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
@@ -104,8 +104,8 @@ class Contacts:
 
     walls: Walls
     itinerary: tuple[int, ...]
-    contacts: list[Contact]
-    flights: list[Flight]
+    contacts: list[ContactEnclosure]
+    flights: list[FlightEnclosure]
 
     @property
     def residual(self) -> list[arb]:
@@ -157,7 +157,7 @@ class Contacts:
 
 
 @dataclass(frozen=True)
-class Stiff:
+class StiffSystem:
     """The motions that meet these walls (c,) in m forcing periods, by the times (2c,) of their contacts."""
 
     walls: Walls
@@ -165,7 +165,7 @@ class Stiff:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
-        """The motion of these times; where R is not 0 its contacts do not fit between its flights."""
+        """Return the motion of these times; where R is not 0 its contacts do not fit between its flights."""
         c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
@@ -175,15 +175,20 @@ class Stiff:
             )
             for i in range(1, n, 2)
         ]  # fmt: skip
-        contacts = [Contact(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
+        contacts = [ContactEnclosure(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
         return Contacts(self.walls, self.itinerary, contacts, flights)
 
 
-def require_lasts(contact: Contact, wall: int, name: str) -> None:
+def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
     """Raise NotProvedError unless ±y > 0 all through the contact, by bisection of its time.
 
     At the ends of each part ±y > 0 or, at those of the contact, y = 0; where y' has one sign that is so between them,
     and elsewhere the mean value theorem bounds y.
+
+    Raises
+    ------
+    NotProvedError
+        If the contact may end before.
     """
     if not contact.t1 > contact.t0:
         raise NotProvedError(f"{name} would take no time")

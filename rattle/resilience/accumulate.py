@@ -1,4 +1,4 @@
-"""What is gathered from the impacts of samples: one interface for this library's quantities and for anybody's own."""
+"""Gather quantities from the impacts of samples: one interface for this library's and for anybody's own."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ class Accumulator(Protocol):
     """A quantity of each of n samples, from their impacts on Σ⁺ one by one."""
 
     def begin(self, tau: Array, v: Array) -> None:
-        """The samples (n,) set out."""
+        """Begin with the samples (n,)."""
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_] | None:
-        """The next departures from Σ⁺ of these samples (k,), with the forcing periods since they set out. Returns which
-        of them need not be followed on; None: all shall be.
+        """Return the next departures from Σ⁺ of these samples (k,), with the forcing periods since they set out.
+
+        Returns which of them need not be followed on; None: all shall be.
         """
 
     def values(self) -> Array:
-        """The quantity (n,)."""
+        """Return the quantity (n,)."""
 
 
 Make = Callable[[], Accumulator]
@@ -38,9 +39,21 @@ Make = Callable[[], Accumulator]
 def accumulated(
     gear: AnyGear, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """The quantity of samples (τ, v) of a gear, each followed for so many forcing periods, or impacts on Σ⁺ at most.
+    """Return the quantity of samples (τ, v) of a gear.
 
-    A sample that comes to rest has no impacts from there on. Raises ParameterError.
+    Each is followed for so many forcing periods, or impacts on Σ⁺ at most.
+
+    A sample that comes to rest has no impacts from there on.
+
+    Returns
+    -------
+    Array
+        The quantity, as the accumulator has it.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     phases, speeds, _shape = states_of(tau, v)
     return accumulated_at(gear.parameters.repeat(phases.size), phases, speeds, accumulator, periods, impacts)
@@ -49,7 +62,7 @@ def accumulated(
 def accumulated_at(
     parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """The same of samples (n,) that each have their own parameters."""
+    """Return the same of samples (n,) that each have their own parameters."""
     periods = require_number("periods", periods, positive=True)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     model = MODELS[parameters.model]

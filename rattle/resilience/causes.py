@@ -26,7 +26,7 @@ BESIDE = 1e-3  # of the way, beyond its end, to where an orbit that grazes goes 
 
 
 @dataclass(frozen=True)
-class Orbit:
+class TrackedOrbit:
     """A periodic attractor: its label, and a departure."""
 
     label: tuple[int, int, int]
@@ -35,47 +35,54 @@ class Orbit:
 
 
 @dataclass(frozen=True)
-class End:
-    """Why an orbit ends between two points of a path, and between which shares of the way; what it is at the second
-    point, if it is there.
+class OrbitEnd:
+    """Why an orbit ends between two points of a path, and between which shares of the way.
+
+    What it is at the second point, if it is there.
     """
 
     cause: str
     low: float
     high: float
-    orbit: Orbit | None = None
+    orbit: TrackedOrbit | None = None
 
 
-def between(start: Parameters, end: Parameters, share: float) -> AnyGear:
+def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
     """Return the gear at a share of the way between two points."""
     return gear_at(start.towards(end, share))
 
 
-def end_of(start: Parameters, end: Parameters, orbit: Orbit) -> End:
-    """Follow an orbit from one point towards another, as long as it happens and attracts, by steps that
-    halve where they fail.
+def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
+    """Follow an orbit from one point towards another, as long as it happens and attracts.
+
+    By steps that halve where they fail.
 
     Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and stops a little before: the place is
     extrapolated from the multipliers, and lies in the middle between low and high.
+
+    Returns
+    -------
+    End
+        The end of the orbit.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _solved(between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
+    last = _solved(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
     if last is None:
-        return End(UNKNOWN, 0.0, 1.0)
+        return OrbitEnd(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]
     while step > LEAST_STEP:
         ahead = min(share + step, 1.0)
-        found = _solved(between(start, end, ahead), at)
+        found = _solved(gear_between(start, end, ahead), at)
         if found is None or not (found.admissible and found.stable):
             step *= 0.5
             continue
-        share, last, at = ahead, found, Orbit(orbit.label, found.tau, found.v)
+        share, last, at = ahead, found, TrackedOrbit(orbit.label, found.tau, found.v)
         trail.append((share, last.multipliers))
         if share == 1.0:
-            return End(SAMPLING, 1.0, 1.0, at)
+            return OrbitEnd(SAMPLING, 1.0, 1.0, at)
         step *= 2.0
     cause, distance = _cause(start, end, last, at, trail)
-    return End(cause, share, min(share + 2.0 * max(step, distance), 1.0))
+    return OrbitEnd(cause, share, min(share + 2.0 * max(step, distance), 1.0))
 
 
 def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
@@ -88,8 +95,8 @@ def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
     return 0.0
 
 
-def _solved(gear: AnyGear, near: Orbit) -> Any:
-    """The periodic motion with this label whose departure is near, or None."""
+def _solved(gear: AnyGear, near: TrackedOrbit) -> Any:
+    """Return the periodic motion with this label whose departure is near, or None."""
     try:
         found = gear.orbit(near.tau, near.v, near.label[1])
     except RattleError:
@@ -101,8 +108,16 @@ def _solved(gear: AnyGear, near: Orbit) -> Any:
     return found
 
 
-def after_part(gear: AnyGear, label: Orbit, found: Any) -> float:
-    """How far a motion is from closing after a part of its period: one that does is another one, run through twice."""
+def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
+    """Return how far a motion is from closing after a part of its period.
+
+    One that does is another one, run through twice.
+
+    Returns
+    -------
+    float
+        Distance from closing.
+    """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
     after = gear.iterate(found.tau, found.v, np.array([n_plus // n for n in parts], np.int64))
@@ -110,26 +125,26 @@ def after_part(gear: AnyGear, label: Orbit, found: Any) -> float:
     return float(far.min(initial=np.inf))
 
 
-def _was_doubled(gear: AnyGear, at: Orbit) -> bool:
-    """Whether a motion of half the period is near, which is about to flip, or just has."""
+def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
+    """Return whether a motion of half the period is near, which is about to flip, or just has."""
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)
-    half = _solved(gear, Orbit((m, n_plus, n_minus), at.tau, at.v))
+    half = _solved(gear, TrackedOrbit((m, n_plus, n_minus), at.tau, at.v))
     return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * AT_ONE)
 
 
 def _cause(
-    start: Parameters, end: Parameters, last: Any, at: Orbit, trail: list[tuple[float, Any]]
+    start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
     """Why an orbit ends soon, and how soon it will."""
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:
-        if _was_doubled(between(start, end, share), at):
+        if _was_doubled(gear_between(start, end, share), at):
             return FLIP, _to_zero(trail, -1.0, 1)
         return SADDLE_NODE, _to_zero(trail, -1.0, 2)
     if np.abs(multipliers + 1.0).min() < AT_ONE:
         return FLIP, _to_zero(trail, 1.0, 1)
-    beyond = _solved(between(start, end, min(share + BESIDE, 1.0)), at)
+    beyond = _solved(gear_between(start, end, min(share + BESIDE, 1.0)), at)
     # it goes on where it does not happen, or meets another wall
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

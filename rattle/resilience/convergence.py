@@ -49,8 +49,15 @@ class Convergence:
         return np.array([float(function(x)) if x.size else np.nan for x in times])
 
     def stability(self, periods: ArrayLike) -> tuple[Array, Array, Array]:
-        """The finite-time basin stability of each attractor: the share of all samples that are there by then, with the
-        ends of its 95 % Wilson interval; each of shape (attractors, *periods).
+        """Return the finite-time basin stability of each attractor.
+
+        The share of all samples that are there by then, with the ends of its 95 % Wilson interval; each of shape
+        (attractors, *periods).
+
+        Returns
+        -------
+        tuple[Array, Array, Array]
+            Share, lower and upper end.
         """
         at = np.asarray(periods, np.float64)
         there = self.which[:, None] == np.arange(len(self.attractors))
@@ -89,7 +96,7 @@ class _Arrival:
         return there
 
     def values(self) -> Array:
-        """The times."""
+        """Return the times."""
         return self.time
 
 
@@ -102,11 +109,26 @@ def convergence(
     periods: float | None = None,
     states: States = None,
 ) -> Convergence:
-    """How long the sample of `Gear.attractors` takes to be nearer to its attractors than `within`: of phase, and of
-    speed in its unit √(16πδβ)/4.2; quiet motion is v = 0.
+    """Return how long the sample of `Gear.attractors` takes to be nearer to its attractors than `within`.
 
-    periods: forcing periods for which samples are followed, by default 300/δ. states: own ones (τ, v) instead of the
-    sample. Raises ParameterError.
+    Of phase, and of speed in its unit √(16πδβ)/4.2; quiet motion is v = 0.
+
+    Parameters
+    ----------
+    periods : float | None
+        Forcing periods for which samples are followed, by default 300/δ.
+    states : States
+        Own ones (τ, v) instead of the sample.
+
+    Returns
+    -------
+    Convergence
+        Times of all samples.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     within = require_number("within", within, positive=True)
     require(within < 0.5, f"within must be below 0.5, half a forcing period, got {within}")

@@ -29,9 +29,10 @@ CLOSE, ARRIVED = 1e-2, 1e-5  # to a saddle: from where one is solved for, and wh
 
 @dataclass(frozen=True)
 class EdgeState:
-    """What motions on a boundary come to. tau, v: a state of it, to `distance`. orbit: the unstable periodic motion, of
-    the gear's own kind, None where it is none of up to eight impacts: the edge itself is chaotic then, or longer.
-    impacts: on Σ⁺ that were followed to it.
+    """Edge state: the motion that the boundary of two basins leads to. tau, v.
+
+    A state of it, to `distance`. orbit: the unstable periodic motion, of the gear's own kind, None where it is none of
+    up to eight impacts: the edge itself is chaotic then, or longer. impacts: on Σ⁺ that were followed to it.
     """
 
     tau: float
@@ -42,10 +43,28 @@ class EdgeState:
 
 
 def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOST_TURNS) -> EdgeState:
-    """The edge state on the boundary between the basins of two states, both (τ, v), that go to different attractors.
+    """Return the edge state on the boundary between the basins of two states, both (τ, v).
+
+    They go to different attractors.
 
     If the line between them crosses several boundaries, that of the basin of `one` is meant which is nearest to it.
-    turns: how often the pair is brought together at most. Raises ParameterError.
+
+    Parameters
+    ----------
+    turns : int
+        How often the pair is brought together at most.
+
+    Returns
+    -------
+    EdgeState
+        The edge state.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If both states go to one attractor, or no boundary is found.
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
@@ -87,7 +106,7 @@ def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
 
 
 def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
-    """The nearest unstable periodic motion that is CLOSE to a state, and how near one of its departures is."""
+    """Return the nearest unstable periodic motion that is CLOSE to a state, and the distance of its departures."""
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)

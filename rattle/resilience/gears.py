@@ -22,7 +22,7 @@ SAME_POINT = 1e-6  # of the attractor that two calls find, speeds in their unit
 
 
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
-    """The sample (count,) of `attractors` of a gear, or own states (τ, v), flat. Raises ParameterError."""
+    """Return the sample (count,) of `attractors` of a gear, or own states (τ, v), flat. Raises ParameterError."""
     if states is not None:
         tau, v, _shape = states_of(*states)
         return tau, v
@@ -31,23 +31,38 @@ def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: S
 
 
 def unit_of(gear: AnyGear) -> float:
-    """What speeds are measured in."""
+    """Return the scale of speeds."""
     return float(speed_unit(gear.delta, gear.epsilon, gear.beta))
 
 
 def same(one: Attractor, other: Attractor, unit: float) -> bool:
-    """Whether two calls for one gear have found the same attractor; of chaotic ones, its kind tells."""
+    """Return whether two calls for one gear have found the same attractor; of chaotic ones, its kind tells."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
     near = abs(wrapped(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit
     return one.kind != "periodic" or bool(near)
 
 
-def path_of(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
-    """Return the points (n,) of a path of parameters, whose own (k, 2), (k, 3) or more begin with δ, ε, β.
+def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
+    """Return the points (n,) of a path of parameters, whose own points (k, 2 or more) begin with δ, ε, β.
 
-    steps: n is one more than so many, even along the path with each parameter in units of its range; by default the
-    path's own points. added: what the model has besides, where the path has none. Raises ParameterError.
+    Parameters
+    ----------
+    added : Mapping[str, float | None]
+        What the model has besides, where the path has none.
+    steps : int | None
+        N is one more than so many, even along the path with each parameter in units of its range; by default the path's
+        own points.
+
+    Returns
+    -------
+    points : Parameters
+        The points (n,).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     given = real_array("path", path)
     others = {name: x for name, x in added.items() if x is not None}

@@ -20,8 +20,8 @@ from rattle.models import MODELS, AnyGear, gear_at, model_at
 from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulated_at
-from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, End, Orbit, end_of
-from rattle.resilience.gears import States, path_of, unit_of
+from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, OrbitEnd, TrackedOrbit, end_of
+from rattle.resilience.gears import States, path_points, unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
@@ -80,18 +80,18 @@ class GlobalContinuation:
         return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
-        """The share of the samples that a family wins at each step (n,); NaN where it is not."""
+        """Return the share of the samples that a family wins at each step (n,); NaN where it is not."""
         won = self._won(number)
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
-        """The ends of the 95 % Wilson intervals of these shares (n,)."""
+        """Return the ends of the 95 % Wilson intervals of these shares (n,)."""
         won = self._won(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
 
     def means(self, name: str, number: int) -> tuple[Array, Array]:
-        """The mean of a quantity over the samples of a family at each step (n,), and its standard error."""
+        """Return the mean of a quantity over the samples of a family at each step (n,), and its standard error."""
         mine = np.isin(self.which, self._rows(number))
         values = np.where(mine, self.quantities[name], 0.0)
         known = np.where(mine, ~np.isnan(self.quantities[name]), False)
@@ -107,7 +107,7 @@ class GlobalContinuation:
         return rows
 
     def _won(self, number: int) -> NDArray[np.int64]:
-        """Samples at each step (n,), −1 where the family is not."""
+        """Return the samples at each step (n,), −1 where the family is not."""
         rows = self._rows(number)
         cell, n = self.attractors.cell[rows], len(self.parameters)
         won = np.bincount(cell, self.attractors.samples[rows], n).astype(np.int64)
@@ -127,18 +127,37 @@ def global_continuation(
     states: States = None,
     **added: float | None,
 ) -> GlobalContinuation:
-    """The attractors along a path of (δ, ε), of (δ, ε, β) or of these with what a model adds, points (k, 2 or more).
+    """Return the attractors along a path of parameters, points (k, 2 or more).
+
+    Of (δ, ε), of (δ, ε, β) or of these with the parameters that a model adds.
 
     Each stable orbit is itself continued to the next steps, so that these have what their samples missed; chaotic
     attractors are one where they visit the same states (docs/families.md). Of each family that begins or ends the cause
     is told, unless causes is False: its orbit is followed from step to step.
 
-    steps: so many even ones along the path; by default its own points are the steps. beta, and what a model adds by its
-    name, such as the stiffness of the stiff gear: where the path has none. count, v_max, seed: the sample of each step,
-    as in `Gear.attractors`. states: own ones (τ, v) of every step instead. quantities: what else to gather of each
-    sample, by name, over so many forcing periods (`Accumulator`). Raises ParameterError.
+    Parameters
+    ----------
+    count, v_max, seed
+        The sample of each step, as in `Gear.attractors`.
+    steps : int | None
+        So many even ones along the path; by default its own points are the steps. beta, and what a model adds by its
+        name, such as the stiffness of the stiff gear: where the path has none.
+    quantities : Mapping[str, Make]
+        What else to gather of each sample, by name, over so many forcing periods (`Accumulator`).
+    states : States
+        Own ones (τ, v) of every step instead.
+
+    Returns
+    -------
+    GlobalContinuation
+        The attractors and their basin fractions.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
-    points = path_of(path, beta, added, steps)
+    points = path_points(path, beta, added, steps)
     given = None if states is None else states_of(*states)
     sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
     count = sample.count
@@ -159,7 +178,7 @@ def global_continuation(
 
 
 class _Changes:
-    """Which families begin and end along a path, and why."""
+    """Begins and ends of families along a path, and their causes."""
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
@@ -170,7 +189,7 @@ class _Changes:
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
     def all(self) -> list[Change]:
-        """All of them, along the path; those of chaos, which may follow from others, are told last."""
+        """Return all of them, along the path; those of chaos, which may follow from others, are told last."""
         found = [
             (family, step, begins)
             for step in range(self.points.size - 1)
@@ -190,33 +209,39 @@ class _Changes:
     def _told(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
-        end = End(UNKNOWN, 0.0, 1.0)
+        end = OrbitEnd(UNKNOWN, 0.0, 1.0)
         if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
-            return self._change(family, step, begins, End(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
+            return self._change(family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
         other = self._goes_to(row, away, *gears)
         if kind == Outcome.PERIODIC:
-            orbit = Orbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
+            orbit = TrackedOrbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = end_of(self.points.take([where]), self.points.take([away]), orbit)
             if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
-                end, other = End(CONTINUES, 0.0, 1.0), goes_on
+                end, other = OrbitEnd(CONTINUES, 0.0, 1.0), goes_on
         elif other in self.here[where]:
-            end = End(CRISIS, 0.0, 1.0)
+            end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = End(CRISIS, 0.0, 1.0)  # of chaos into chaos that visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)  # of chaos into chaos that visits other states
         elif other == CHAOS_THERE:
-            end, other = End(SAMPLING, 0.0, 1.0), -1
+            end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._change(family, step, begins, end, other)
 
-    def _change(self, family: int, step: int, begins: bool, end: End, other: int) -> Change:
+    def _change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
     def _goes_to(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
-        """The family at a step that most states of an attractor go to, −1 if none is known, CHAOS_THERE if it is
-        chaotic and there is none.
+        """Return the family at a step that most states of an attractor go to, −1 if none is known.
+
+        CHAOS_THERE if it is chaotic and there is none.
+
+        Returns
+        -------
+        int
+            Number of the family.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
@@ -229,8 +254,8 @@ class _Changes:
                 return family
         return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
-    def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
-        """The family at a step that an orbit belongs to, −1 if it is not listed there."""
+    def _listed(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
+        """Return the family at a step that an orbit belongs to, −1 if it is not listed there."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
             if self.rows.label(row) == orbit.label:

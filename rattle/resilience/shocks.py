@@ -48,13 +48,25 @@ Departure = Callable[[_State, float], tuple[float, float] | None]
 def smallest_shock(
     gear: AnyGear, attractor: Attractor, phase: float | None = None, v_max: SpeedLimit = None
 ) -> LeastShock:
-    """The least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
+    """Return the least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
 
     At a departure from Σ⁺, whichever of the attractor's it is (of a chaotic one, 64 of them), or at this phase of the
     forcing, of a periodic or quiet motion. Shocks are tried whose departures are slower than
     v_max, as in `Gear.attractors`. An upper bound: 64 shocks each way, and three times 64 below the least so far, are
     followed from each state; a basin that is thinner may be nearer. `Gear.boundary_distance` searches harder for quiet
-    motion. Raises ParameterError, and RattleError where the attractor is none of this gear's.
+    motion.
+
+    Returns
+    -------
+    LeastShock
+        The shock, with the states before and after it.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where the attractor is none of this gear's.
     """
     highest = sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta)
     require(attractor.kind in ("quiet", "periodic", "chaotic"), f"a motion that is {attractor.kind} has no boundary")
@@ -62,7 +74,7 @@ def smallest_shock(
         states, departure = _at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
     else:
         states, departure = _at_departures(gear, attractor), _changed
-    search = _Search(gear, attractor, states, departure, highest)
+    search = _ShockSearch(gear, attractor, states, departure, highest)
     search.run()
     return search.found()
 
@@ -76,13 +88,13 @@ def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
 
 
 def _changed(state: _State, change: float) -> tuple[float, float] | None:
-    """The departure after a shock at one."""
+    """Return the departure after a shock at a state."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
 
 def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
-    """The states of an attractor at a phase, and where they depart from Σ⁺ after a shock."""
+    """Return the states of an attractor at a phase, and their departures from Σ⁺ after a shock."""
     if attractor.kind == "quiet":
         return [_State(phase, gear.beta, 0.0)], _changed
     require(attractor.kind == "periodic", "a shock at a phase is that of a quiet or periodic motion: leave phase out")
@@ -102,7 +114,7 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
     return states, departure
 
 
-class _Search:
+class _ShockSearch:
     """The least shock so far, and between which of one state it lies: `low` does nothing, `high` does."""
 
     def __init__(
@@ -126,7 +138,7 @@ class _Search:
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
     def found(self) -> LeastShock:
-        """The shock."""
+        """Return the shock."""
         state = self.states[self.state]
         if self.to is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)

@@ -1,4 +1,4 @@
-"""Where states of one parameter point go when the parameters jump to another."""
+"""Find the fate of states when the parameters jump to another point."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ class Tipping:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """The tipping probability (before, after): the share of a basin that belongs to another afterwards; rows add up
-        to 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
+        """The tipping probability (before, after): the share of a basin that belongs to another afterwards.
+
+        Rows add up to 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
         """
         return np.asarray(self.number / self.number.sum(axis=1, keepdims=True), np.float64)
 
@@ -45,7 +46,15 @@ class Tipping:
 
 
 def lift_off(gear: AnyGear) -> tuple[float, float]:
-    """A departure of a motion at rest on Σ⁺: where the contact force vanishes, or would first, hardly faster than 0."""
+    """Return a departure of a motion at rest on Σ⁺.
+
+    Where the contact force vanishes, or would first, hardly faster than 0.
+
+    Returns
+    -------
+    tuple[float, float]
+        Phase and speed.
+    """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
     return phase_of_entry(gear.delta, most), SLOW * unit_of(gear)
 
@@ -58,10 +67,15 @@ def tipping(
     seed: int = 0,
     states: States = None,
 ) -> Tipping:
-    """How a sample of states that is split among the attractors of one gear is split among those of another.
+    """Return how a sample of states that is split among the attractors of one gear is split among those of another.
 
     The sample is that of `before.attractors`, or own states (τ, v). Both gears must be of one kind. Raises
     ParameterError.
+
+    Returns
+    -------
+    Tipping
+        Numbers of states by both attractors.
     """
     require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)

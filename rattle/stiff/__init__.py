@@ -9,7 +9,7 @@ from rattle.stiff.attractors.families import families_of
 from rattle.stiff.bifurcations.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
 from rattle.stiff.bifurcations.curves import NAMES, describe, trace
 from rattle.stiff.bifurcations.diagram import diagram
-from rattle.stiff.gear import Motion, StiffGear
+from rattle.stiff.gear import MotionState, StiffGear
 from rattle.stiff.map.iterate import iterate, iterate_tangent
 from rattle.stiff.map.quiet import quiet_depth, quiet_limit, rests_late
 from rattle.stiff.orbits.period_one import period_one, regions, saddle_node_1
@@ -17,7 +17,7 @@ from rattle.stiff.orbits.periodic import StiffOrbit, from_limit, stiff_orbit
 
 __all__ = [
     "NAMES",
-    "Motion",
+    "MotionState",
     "StiffBranch",
     "StiffEvent",
     "StiffGear",

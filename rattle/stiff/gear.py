@@ -27,9 +27,11 @@ from rattle.stiff.orbits import period_one, periodic
 LONGEST_RUN = 1e5  # forcing periods of one call
 
 
-class Motion(NamedTuple):
-    """Where a motion is after a time: Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent
-    map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, of determinant e^(−δ time).
+class MotionState(NamedTuple):
+    """State of a motion after a time.
+
+    Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
+    fixed times, of determinant e^(−δ time).
     """
 
     position: float
@@ -41,8 +43,9 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class StiffGear(Sampled, Rattling):
-    """The gear model with stiff contact at damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and
-    stiffness kappa > 0, all dimensionless.
+    """Stiff gear model at one parameter point.
+
+    Damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and stiffness kappa > 0, all dimensionless.
 
     Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt, where B(Φ) is the depth of Φ beyond ±β; time in forcing
     periods. States are (Φ, Φ') at a time, or (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the
@@ -68,10 +71,22 @@ class StiffGear(Sampled, Rattling):
         """ε at which A and C are born at this damping. Raises RattleError where they are not born so."""
         return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
-    def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> Motion:
-        """The motion from (Φ, Φ') at this phase, after a time in forcing periods: the stroboscopic map, if it is whole.
+    def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> MotionState:
+        """Return the motion from (Φ, Φ') at this phase, after a time in forcing periods.
 
-        Raises ParameterError, and RattleError where the numbers leave double precision.
+        The stroboscopic map, if it is whole.
+
+        Returns
+        -------
+        Motion
+            The state after it.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where the numbers leave double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         time, tau = require_number("time", time), _phase(phase)
@@ -86,13 +101,24 @@ class StiffGear(Sampled, Rattling):
         if status != OK or not (math.isfinite(x) and math.isfinite(w)):
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         whole = x if end == GAP else end * (self.beta + x)
-        return Motion(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
+        return MotionState(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
     def impact(self, tau: float, v: float) -> Impact:
-        """The return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
+        """Return the return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
 
-        In (t, v²/2) the tangent has determinant e^(−δ time). Raises ParameterError, and RattleError where contact with
-        Σ⁺ never ends (quiet motion).
+        In (t, v²/2) the tangent has determinant e^(−δ time).
+
+        Returns
+        -------
+        Impact
+            State at the next departure, with its tangent.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where contact with Σ⁺ never ends (quiet motion).
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_phase(tau), v, self._point)
@@ -103,9 +129,21 @@ class StiffGear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """The first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase, in
-        the gap or in contact. v is 0 if its contact with Σ⁺ never ends. Raises ParameterError, and RattleError where
-        the numbers leave double precision.
+        """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
+
+        In the gap or in contact. v is 0 if its contact with Σ⁺ never ends.
+
+        Returns
+        -------
+        tuple[float, float]
+            Phase τ and speed v.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where the numbers leave double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(*self._point, _phase(phase), position, velocity)
@@ -115,28 +153,46 @@ class StiffGear(Sampled, Rattling):
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
 
-        As `Gear.trajectory`, with the contacts that it begins for impacts; rest: when the contact begins that never
-        ends. Raises ParameterError, and RattleError where the numbers leave double precision.
+        As `Gear.trajectory`, with the contacts that it begins for impacts.
+
+        Returns
+        -------
+        Trajectory
+            The sampled motion.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            Where the numbers leave double precision.
         """
         return trajectory(*self._point, _phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        """Return the counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        added = {"kappa": self.kappa}
         return tuple(
-            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point)
+            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point[:3], added)
             for name, found in period_one.orbits_at(*self._point)
         )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
-        """The periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺, with its least
-        period; see `stiff_orbit`.
+        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺.
+
+        With its least period; see `stiff_orbit`.
+
+        Returns
+        -------
+        periodic.StiffOrbit
+            The motion.
         """
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """A saddle among `orbits`, for its manifolds."""
+        """Return a saddle among `orbits`, for its manifolds."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:

@@ -1,1 +1,1 @@
-"""Who may: keys, origins, login, and what ends when they are revoked."""
+"""Control access: keys, origins, login, and the end of open connections when they are revoked."""

@@ -29,14 +29,14 @@ ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 @dataclass(frozen=True)
 class Caller:
-    """Who sends a request: the owner of a key, or whoever reaches the service where no key is asked."""
+    """Sender of a request: the owner of a key, or anybody where no key is needed."""
 
     key: KeyRow | None = None
     session: str | None = None  # the hash of a browser's, if it was that which was shown
 
     @property
     def identity(self) -> Identity | None:
-        """What decides whether this caller may stay; None where no key is asked."""
+        """Identity that decides whether this caller may stay; None where no key is needed."""
         return (self.key.id, self.session) if self.key else None
 
     @property
@@ -45,9 +45,11 @@ class Caller:
         return self.key.id if self.key else None
 
     def may(self, scope: Scope) -> bool:
+        """Return whether the caller has a scope."""
         return self.key is None or scope in self.key.scopes
 
     def owns(self, job: JobRow) -> bool:
+        """Return whether the caller owns a job."""
         return self.key is None or job.owner == self.key.id
 
 
@@ -61,7 +63,7 @@ def add_key(
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """The live key that this token belongs to. Asks the database each time: a revoked key is refused at once."""
+    """Return the live key that this token belongs to. Asks the database each time: a revoked key is refused at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
@@ -81,21 +83,34 @@ def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
 
 
 def find_session(database: Database, token: str) -> Caller | None:
-    """The caller whose browser holds this; None once it has signed out, or its time is over, or its key revoked."""
+    """Return the caller whose browser holds this token.
+
+    None once it has signed out, or its time is over, or its key revoked.
+
+    Returns
+    -------
+    Caller | None
+        The caller, or None.
+    """
     session = hash_of(token)
     key = database.key_by_session(session)
     return Caller(key, session) if key is not None else None
 
 
 def has_live_key(database: Database) -> bool:
-    """Whether anybody could be let in."""
+    """Return whether anybody could be let in."""
     return any(key.revoked is None for key in database.keys())  # noqa: SIM118 - no dict
 
 
 def hash_of(secret: str) -> str:
-    """What is kept of a secret.
+    """Return the stored hash of a secret.
 
     One SHA-256 is enough: 256 random bits cannot be guessed however fast a guess is, which is all that the slow hashes
     for passwords prevent, and each request pays for it.
+
+    Returns
+    -------
+    str
+        The digest.
     """
     return hashlib.sha256(secret.encode()).hexdigest()

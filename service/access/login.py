@@ -1,4 +1,4 @@
-"""Where keys are asked: a form that takes one and begins a session, whose cookie a page in a browser can send."""
+"""Log in where keys are needed: a form takes one and begins a session, whose cookie a page in a browser can send."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5
 
 
 def login_url(path: str, query: str) -> str:
-    """Where somebody without a key is sent, to come back to this path and query."""
+    """Return the login's URL for somebody without a key, who comes back to this path and query."""
     return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 
 def _next(request: Request) -> str:
-    """The view that was asked for; never a page of another site."""
+    """Return the requested view; never a page of another site."""
     wanted = request.query_params.get("next", "")
     return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
 
@@ -52,7 +52,7 @@ def _form(request: Request, problem: str = "", status: int = 200) -> Response:
 
 
 async def login(request: Request) -> Response:
-    """The form, and what it sends."""
+    """Return the form, and what it sends."""
     if request.method == "GET":
         had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
         response = _form(request, "You are signed in no longer: sign in again." if had else "")

@@ -1,4 +1,4 @@
-"""Who may send a request: asked before any route, so that a new route is closed until it is opened here."""
+"""Authorise every request before any route, so that a new route is closed until it is opened here."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ BEARER = HTTPBearer(
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Who sends this request. On a route, it declares in OpenAPI that a key is asked."""
+    """Return the sender of this request. On a route, it declares in OpenAPI that a key is needed."""
     caller: Caller = request.state.caller
     return caller
 
@@ -84,16 +84,19 @@ CallerState = Annotated[Caller, Depends(caller_of)]
 
 
 def asks_keys(settings: Settings) -> bool:
-    """Whether a service with these settings asks everybody for a key."""
+    """Return whether a service with these settings asks everybody for a key."""
     return not settings.insecure and (settings.require_keys or not is_loopback(settings.host))
 
 
 class AccessMiddleware:
     """Refuses requests that are too large, come from another site's page, or carry no key where one is asked.
 
-    Args:
-        app: what gets the others, with ``state["caller"]``; None there on an open path without a key.
-        settings: of the service.
+    Parameters
+    ----------
+    app
+        What gets the others, with ``state["caller"]``; None there on an open path without a key.
+    settings
+        Of the service.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
@@ -102,6 +105,7 @@ class AccessMiddleware:
         self._asks_all = asks_keys(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return

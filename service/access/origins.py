@@ -1,4 +1,4 @@
-"""Where a request comes from and what it calls this service: addresses, names and pages of other sites."""
+"""Check where a request comes from and the host that it names: addresses, names and pages of other sites."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 def is_loopback(host: str) -> bool:
-    """Whether every address that this name or address stands for is one of this machine only."""
+    """Return whether every address that this name or address stands for is one of this machine only."""
     if (address := _address(host)) is not None:
         return address.is_loopback
     try:
@@ -34,7 +34,7 @@ def is_loopback(host: str) -> bool:
 
 
 def is_local(scope: Scope, headers: Headers) -> bool:
-    """Whether a request was sent on this machine, and not on behalf of another one by a proxy here."""
+    """Return whether a request was sent on this machine, and not on behalf of another one by a proxy here."""
     client = scope.get("client")
     address = _address(client[0]) if client else None
     forwarded = any(name in FORWARDED or name.startswith("x-forwarded") for name in headers)
@@ -47,8 +47,10 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
     Without keys, a page whose name was pointed at this machine (DNS rebinding) would be of our own origin. An address
     cannot be pointed elsewhere, so any will do where we listen on all of them.
 
-    Raises:
-        ForbiddenError: the Host header names neither loopback, nor ``host``, nor one of ``allowed``.
+    Raises
+    ------
+    ForbiddenError
+        The Host header names neither loopback, nor ``host``, nor one of ``allowed``.
     """
     name = _host_name(headers.get("host", ""))
     if name == "localhost" or name.endswith(".localhost") or name in {each.lower() for each in (host, *allowed)}:
@@ -68,8 +70,10 @@ def require_same_origin(headers: Headers) -> None:
     The rule is that of Go's net/http.CrossOriginProtection: Sec-Fetch-Site decides, Origin for older browsers, and what
     sends neither is no browser.
 
-    Raises:
-        ForbiddenError: another site's page sent it.
+    Raises
+    ------
+    ForbiddenError
+        Another site's page sent it.
     """
     site, origin = headers.get("sec-fetch-site"), headers.get("origin")
     if site is None:
@@ -84,13 +88,18 @@ def require_same_origin(headers: Headers) -> None:
 def require_root(headers: Headers, root: str) -> None:
     """Refuse to make a page that would not work where its browser has it, and log what to set.
 
-    Args:
-        headers: of the request for the page; its script says its address.
-        root: path of the page, as this service knows it.
+    Parameters
+    ----------
+    headers : Headers
+        Of the request for the page; its script says its address.
+    root : str
+        Path of the page, as this service knows it.
 
-    Raises:
-        ForbiddenError: a proxy has it below another path than this service believes, or names another host here than
-            the browser does, which would have its websocket refused.
+    Raises
+    ------
+    ForbiddenError
+        A proxy has it below another path than this service believes, or names another host here than the browser does,
+        which would have its websocket refused.
     """
     host, slash, path = headers.get("rattle-address", "").partition("/")
     why = ""
@@ -111,7 +120,7 @@ def require_root(headers: Headers, root: str) -> None:
 
 
 def _host_advice(there: str, headers: Headers) -> str:
-    """What to set where a browser names this service in another way than a request does."""
+    """Return advice for a browser that names this service in another way than a request does."""
     return (
         f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
         "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "
@@ -128,7 +137,7 @@ def _address(text: str) -> IPv4Address | IPv6Address | None:
 
 
 def _host_name(host: str) -> str:
-    """The name in a Host header, lower case, without port; empty if it is not one."""
+    """Return the name in a Host header, lower case, without port; empty if it is not one."""
     try:
         return (urlsplit(f"//{host}").hostname or "").removesuffix(".")
     except ValueError:

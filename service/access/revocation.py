@@ -1,4 +1,4 @@
-"""What is open for long ends soon after its key was revoked or its browser signed out: one question for them all."""
+"""End long-lived connections soon after their key was revoked or their browser signed out."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rattle.models import AnyGear
 
 
-class Point(NamedTuple):
+class GivenPoint(NamedTuple):
     """A parameter point; its machine, if one was given; its speed, if one was given."""
 
     gear: AnyGear
@@ -41,20 +41,22 @@ NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # of 
 
 
 def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
-    """Give a command these options; it takes the `Point` that they describe for its first argument.
+    """Give a command these options; it takes the `GivenPoint` that they describe for its first argument.
 
-    Args:
-        timed: --rpm is of use beside DELTA and EPSILON too.
+    Parameters
+    ----------
+    timed : bool
+        --rpm is of use beside DELTA and EPSILON too.
     """
 
     def given_point(command: Command) -> Command:
-        return with_options(command, OPTIONS, lambda given: point_of(given, timed))
+        return with_options(command, OPTIONS, lambda given: point_of_options(given, timed))
 
     return given_point
 
 
-def point_of(given: dict[str, Any], timed: bool) -> Point:
-    """The point that OPTIONS describe, in one of the two ways."""
+def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
+    """Return the point that OPTIONS describe, in one of the two ways."""
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
     if set(machine) - {"rpm"} or (machine and not timed):
@@ -68,10 +70,10 @@ def point_of(given: dict[str, Any], timed: bool) -> Point:
     rpm = given.get("rpm")
     delta, epsilon = plain.pop("delta"), plain.pop("epsilon")
     gear = model_of(**plain).gear(delta, epsilon)
-    return Point(gear, None, None if rpm is None else require_number("rpm", rpm, positive=True))
+    return GivenPoint(gear, None, None if rpm is None else require_number("rpm", rpm, positive=True))
 
 
-def _machine_point(plain: dict[str, float], machine: dict[str, Any]) -> Point:
+def _machine_point(plain: dict[str, float], machine: dict[str, Any]) -> GivenPoint:
     if plain:
         raise typer.BadParameter(
             f"{' and '.join(plain)} and a machine's {' and '.join(machine)} are two ways to say it: give one"
@@ -83,4 +85,4 @@ def _machine_point(plain: dict[str, float], machine: dict[str, Any]) -> Point:
     from rattle import Machine
 
     found = Machine(**machine)
-    return Point(found.gear, found, found.rpm)
+    return GivenPoint(found.gear, found, found.rpm)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -20,19 +20,27 @@ SpeedLimit = Annotated[
 ]
 
 
-def found_at(point: Point, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """The attractors of a point by falling share of the samples, whose speeds are by default those of its motions."""
+def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
+    """Return the attractors of a point by falling share of the samples.
+
+    Their speeds are by default those of its motions.
+
+    Returns
+    -------
+    tuple[Attractor, ...]
+        The attractors.
+    """
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
-def name_of(attractor: Attractor) -> str:
+def attractor_name(attractor: Attractor) -> str:
     """Its label, or its kind."""
     label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus})"
     return label if attractor.kind == "periodic" else attractor.kind
 
 
 @at_point()
-def attractors(point: Point, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
+def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
     The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the
@@ -57,7 +65,7 @@ def attractors(point: Point, count: Sample = 64, v_max: SpeedLimit = None, seed:
             whole, velocity = machine.in_si(found), machine.units.velocity
             loud = [_number(whole.power), _number(whole.power_error), _number(round(whole.level, 2))]
         table.add_row(
-            name_of(each),
+            attractor_name(each),
             *(f"{share:.4f}" for share in (each.fraction, *each.fraction_interval)),
             *(_number(x) for x in (found.impacts_plus, found.impacts_minus)),
             *(_number(x * velocity) for x in (found.mean_speed, found.largest_speed)),

@@ -30,24 +30,25 @@ def certify(
     store: Annotated[str | None, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="The store of certificates.", show_default=f"beside STORE, *{SUFFIX}"),
+        typer.Option(metavar="PATH", help="Store of certificates to write.", show_default=f"beside STORE, *{SUFFIX}"),
     ] = None,
-    processes: Annotated[int, typer.Option("--processes", "--workers", min=1, help="Processes that prove.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", "--workers", min=1, help="Number of processes.")] = 1,
     scheduler: Scheduler = None,
     point: Annotated[
         tuple[str, str] | None,
-        typer.Option(
-            metavar="DELTA EPSILON", help="Prove the periodic motions of one point, taken as these very numbers."
-        ),
+        typer.Option(metavar="DELTA EPSILON", help="Prove the periodic motions of one point, taken as exact decimals."),
     ] = None,
     areas: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Prove blocks of a plane, and write them here, one a line.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Prove blocks of a plane, and write them to this file, one a line."),
     ] = None,
-    delta: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Damping, for --areas: exact decimals.")] = "0.4:1",
-    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Eccentricity, for --areas.")] = "0:0.3",
-    columns: Annotated[int, typer.Option(min=1, help="Columns of damping, for --areas.")] = COLUMNS,
-    figure: Annotated[Path | None, typer.Option(metavar="PATH", help="Draw what --areas proved.")] = None,
-    beta: Annotated[str, typer.Option(help="Half-backlash, for --point and --areas.")] = "0.6",
+    delta: Annotated[
+        str, typer.Option(metavar="LOW:HIGH", help="Range of damping in exact decimals (with --areas).")
+    ] = "0.4:1",
+    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Range of eccentricity (with --areas).")] = "0:0.3",
+    columns: Annotated[int, typer.Option(min=1, help="Number of columns of damping (with --areas).")] = COLUMNS,
+    figure: Annotated[Path | None, typer.Option(metavar="PATH", help="Draw the proved blocks (with --areas).")] = None,
+    beta: Annotated[str, typer.Option(help="Half-backlash (with --point or --areas).")] = "0.6",
     slice_: Slice = None,
     curves: Annotated[bool, typer.Option("--curves", help="Prove the points of the curves of STORE instead.")] = False,
     codimension_two: Annotated[
@@ -56,7 +57,9 @@ def certify(
     chaos: Annotated[bool, typer.Option("--chaos", help="Prove that --point has chaotic motions instead.")] = False,
     check: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
+        typer.Option(
+            metavar="FILE", help="Check the certificates of this file, one a line, without any of the prover's code."
+        ),
     ] = None,
     numbers: Mapping[str, str] = NO_NUMBERS,
 ) -> None:
@@ -84,7 +87,7 @@ def certify(
     elif point is not None:
         _prove_point(*point, beta, numbers)
     elif codimension_two:
-        _write(bifurcations.codimension_two(beta))
+        _write(bifurcations.codimension_two_certificates(beta))
     elif store is not None and curves:
         _write(bifurcations.points_of_curves(store, slice_))
     elif store is not None:
@@ -93,7 +96,7 @@ def certify(
 
 
 def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
-    """The certificate of a horseshoe, or why there is none."""
+    """Yield the certificate of a horseshoe, or why there is none."""
     import rattle
     from rattle.proof.chaos.prove import certify_chaos
 
@@ -139,7 +142,7 @@ def _check(path: Path) -> None:
     for number, line in enumerate(lines, 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
-        except (check.Refused, areas.Refused) as why:
+        except (check.Refused, areas.BlockRefused) as why:
             refused = True
             typer.echo(f"NOT PROVED, line {number}: {why}")
     if refused:
@@ -147,7 +150,7 @@ def _check(path: Path) -> None:
 
 
 def _theorem(line: str) -> object:
-    """What kind of theorem a certificate is for; None of a motion, and of what is no certificate."""
+    """Return the kind of theorem of a certificate; None of a motion, and of a line that is no certificate."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):
@@ -157,10 +160,10 @@ def _theorem(line: str) -> object:
 def _prove_point(delta: str, epsilon: str, beta: str, added: Mapping[str, str]) -> None:
     import rattle
     from rattle.models import model_of
-    from rattle.proof.certificate import exact
+    from rattle.proof.certificate import exact_number
 
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, **added}
-    numbers = {name: float(exact(name, text)) for name, text in given.items()}
+    numbers = {name: float(exact_number(name, text)) for name, text in given.items()}
     gear = model_of(**{name: numbers[name] for name in ("beta", *added)}).gear(numbers["delta"], numbers["epsilon"])
     starts = [(orbit.tau, orbit.v, orbit.n_plus) for orbit in gear.orbits()]
     starts += [(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.m > 1 or each.n_plus > 1]

@@ -1,4 +1,4 @@
-"""What ``rattle certify`` proves of whole blocks of a plane."""
+"""Prove whole blocks of a plane with ``rattle certify``."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def prove_areas(
     from gear_rattle.service.commands.signals import stop_requested
     from gear_rattle.workers.areas import certify_areas
     from rattle.errors import require
-    from rattle.proof.areas.shares import shares
-    from rattle.proof.certificate import exact
+    from rattle.proof.areas.shares import shares_of_claims
+    from rattle.proof.certificate import exact_number
 
-    half_backlash, across, along = exact("beta", beta), _ends("delta", delta), _ends("epsilon", epsilon)
+    half_backlash, across, along = exact_number("beta", beta), _ends("delta", delta), _ends("epsilon", epsilon)
     require(half_backlash > 0 and across[0] > 0, "beta and delta must be greater than 0")
     with stop_requested() as stop, reporter(columns, what="columns") as progress:
         found = certify_areas(out, across, along, half_backlash, columns, processes, progress.show, stop.is_set)
-    for share in shares(found, (across[1] - across[0]) * (along[1] - along[0])):
+    for share in shares_of_claims(found, (across[1] - across[0]) * (along[1] - along[0])):
         typer.echo(share)
     if figure is not None:
         from rattle.plot import areas_figure, save
@@ -40,10 +40,10 @@ def prove_areas(
 
 
 def _ends(name: str, text: str) -> Ends:
-    from rattle.proof.certificate import exact
+    from rattle.proof.certificate import exact_number
 
     low, colon, high = text.partition(":")
-    ends = exact(name, low), exact(name, high)
+    ends = exact_number(name, low), exact_number(name, high)
     if not (colon and 0 <= ends[0] < ends[1]):
         raise typer.BadParameter(f"write LOW:HIGH, such as 0.4:1, not {text!r}", param_hint=f"--{name}")
     return ends

@@ -1,4 +1,4 @@
-"""What ``rattle certify`` proves of bifurcations: the points of a survey's curves, and those where curves meet."""
+"""Prove bifurcations with ``rattle certify``: the points of a survey's curves, and those where curves meet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
 
 
-def codimension_two(beta: str) -> Iterator[BifurcationCertificate]:
+def codimension_two_certificates(beta: str) -> Iterator[BifurcationCertificate]:
     """COD20 to COD23."""
     from rattle.proof.bifurcations.prove import certify_codimension_two
 
@@ -19,7 +19,7 @@ def codimension_two(beta: str) -> Iterator[BifurcationCertificate]:
 
 
 def points_of_curves(store: str, slice_number: int | None) -> Iterator[BifurcationCertificate | str]:
-    """The certificate of each point of a survey's curves, or why it is not proved."""
+    """Yield the certificate of each point of a survey's curves, or why it is not proved."""
     import rattle
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model

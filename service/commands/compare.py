@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import Point, at_point
-from gear_rattle.service.commands.attractors import name_of
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
+from gear_rattle.service.commands.attractors import attractor_name
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -22,21 +22,24 @@ BAR = 20  # characters of the longest bar
 
 @at_point(timed=True)
 def compare(
-    point: Point,
+    point: GivenPoint,
     table: Annotated[
-        Path, typer.Argument(metavar="CSV", help="A column time, and speed and wall (1 or -1) if there are.")
+        Path,
+        typer.Argument(
+            metavar="CSV", help="Table of impacts: a column time, and optional columns speed and wall (1 or -1)."
+        ),
     ],
     offset: Annotated[
         float | None,
         typer.Option(
-            help="When the transmission error closes the gap of the driving side most, in the table's unit of time.",
+            help="Time at which the transmission error closes the driving side's gap most, in the table's unit.",
             show_default="as fits best",
         ),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="How exactly a motion repeats itself, over the mean time between impacts.")
+        float, typer.Option(help="Tolerance for a repetition, as a share of the mean time between impacts.")
     ] = 0.05,
-    bins: Annotated[int, typer.Option(min=1, help="Bars of the histogram.")] = 24,
+    bins: Annotated[int, typer.Option(min=1, help="Number of bars of the histogram.")] = 24,
     count: Sample = 64,
     seed: Seed = 0,
 ) -> None:
@@ -86,7 +89,7 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
     for near in found.near:
         rates = near.intensity.impacts_plus, near.intensity.impacts_minus, near.intensity.energy
         columns = f"{near.attractor.fraction:.4f}", *(f"{x:.6g}" for x in rates), f"{near.distance:.4g}"
-        nearest.add_row(name_of(near.attractor), *columns)
+        nearest.add_row(attractor_name(near.attractor), *columns)
     console.print(nearest)
     console.print(_histogram(found))
 
@@ -98,8 +101,8 @@ def _histogram(found: Comparison) -> Table:
     columns = [("driving side", found.histogram[0]), ("other side", found.histogram[1])]
     if found.near:
         nearest = found.near[0]
-        columns[1:1] = [(name_of(nearest.attractor), nearest.histogram[0])]
-        columns.append((name_of(nearest.attractor), nearest.histogram[1]))
+        columns[1:1] = [(attractor_name(nearest.attractor), nearest.histogram[0])]
+        columns.append((attractor_name(nearest.attractor), nearest.histogram[1]))
     title = "impacts per revolution in each part of the phase"
     table = Table("phase", *(name for name, _ in columns), box=None, title=title, title_justify="left")
     most = max(float(values.max()) for _, values in columns)

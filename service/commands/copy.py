@@ -11,7 +11,9 @@ import typer
 
 def copy(
     source: Annotated[str, typer.Argument(metavar="SRC", help="Path, s3:// URL or .zip of a survey's store.")],
-    target: Annotated[str, typer.Argument(metavar="DST", help="The same, or a .nc file; nothing may be there yet.")],
+    target: Annotated[
+        str, typer.Argument(metavar="DST", help="Path, s3:// URL, .zip or .nc file that does not exist yet.")
+    ],
 ) -> None:
     """Copy a survey to a directory, to a bucket (s3://BUCKET/PREFIX), to a zip file or to NetCDF, by the ending of DST.
 

@@ -19,10 +19,10 @@ COLUMNS = ("curve", "piece", "delta", "epsilon", "tau", "v", "re1", "im1", "re2"
 
 def curves(
     beta: Beta = 0.6,
-    delta: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Damping, the window's.")] = "0.3:1.2",
-    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Eccentricity, the window's.")] = "0:1",
+    delta: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Range of damping of the window.")] = "0.3:1.2",
+    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Range of eccentricity of the window.")] = "0:1",
     table: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write every point of the curves.")
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write every point of the curves to this file.")
     ] = None,
 ) -> None:
     """Print the codimension-two points of a half-backlash, and where its bifurcation curves end and why."""

@@ -24,10 +24,13 @@ def diagram(
         str, typer.Option(metavar="VALUE|LOW:HIGH", help="Eccentricity: a number, or a range.", show_default=False)
     ],
     beta: Beta = 0.6,
-    steps: Annotated[int, typer.Option(min=1, help="Steps in which attractors are followed, either way.")] = 400,
-    count: Annotated[int, typer.Option(min=1, help="Initial conditions at each step.")] = 64,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Number of steps in which attractors are followed, in each direction.")
+    ] = 400,
+    count: Annotated[int, typer.Option(min=1, help="Number of initial conditions at each step.")] = 64,
     picture: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", help="Draw it: .png, .pdf or .svg.")
+        Path | None,
+        typer.Option("--figure", metavar="FILE", help="Draw the diagram into this file: .png, .pdf or .svg."),
     ] = None,
     numbers: Mapping[str, float] = NO_NUMBERS,
 ) -> None:
@@ -39,7 +42,7 @@ def diagram(
     from rich.console import Console
     from rich.table import Table
 
-    from gear_rattle.service.commands.drawing import require_writable, write
+    from gear_rattle.service.commands.drawing import require_writable, write_figure
     from gear_rattle.service.commands.progress import compiling_told
     from rattle.models import model_of
 
@@ -65,7 +68,7 @@ def diagram(
             f"{len(found.left_out)} branches left out, as they have more than 8 impacts per period or are too many"
         )
     if picture is not None:
-        write(found.plot(), picture)
+        write_figure(found.plot(), picture)
 
 
 def _ends(option: str, text: str) -> tuple[float, float]:

@@ -11,10 +11,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
+def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -> None:
     """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format.
 
-    slice_number: of a survey with a third axis.
+    Parameters
+    ----------
+    slice_number : int | None
+        Of a survey with a third axis.
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.pictures.figure import survey_figure
@@ -22,10 +25,10 @@ def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
 
     with open_results(store) as dataset:
         picture = survey_figure(slice_of(dataset, slice_number))
-    write(picture, out)
+    write_figure(picture, out)
 
 
-def write(picture: Figure, out: Path) -> None:
+def write_figure(picture: Figure, out: Path) -> None:
     """Write a picture; the suffix is the format."""
     from gear_rattle.service.errors import ServiceError
 

@@ -18,9 +18,12 @@ UNEXPLAINED = 1
 def explain(
     store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")],
     most_curves: Annotated[
-        int, typer.Option("--curves", min=0, help="Curves to compute at most besides those of the period-one motions.")
+        int,
+        typer.Option(
+            "--curves", min=0, help="Largest number of curves to compute besides those of the period-one motions."
+        ),
     ] = 100,
-    rows: Annotated[int, typer.Option(min=1, help="Rows of each table.")] = 25,
+    rows: Annotated[int, typer.Option(min=1, help="Largest number of rows of each table.")] = 25,
     slice_: Slice = None,
 ) -> None:
     """Say which bifurcation curve passes between each two neighbouring cells of a survey that differ.

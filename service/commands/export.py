@@ -12,16 +12,20 @@ from typing import IO, TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from gear_rattle.workers.survey.values.schema import Form
+    from gear_rattle.workers.survey.values.schema import RowForm
 
 ENDINGS = (".nc", ".csv", ".parquet")
 
 
 def export(
     store: Annotated[str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey's store.")],
-    out: Annotated[Path, typer.Argument(metavar="FILE", help="The file: .nc, .csv or .parquet.")],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="File to write: .nc, .csv or .parquet.")],
     form: Annotated[
-        str, typer.Option(metavar="cells|attractors|orbits", help="What a row of a table is; .nc has everything.")
+        str,
+        typer.Option(
+            metavar="cells|attractors|orbits",
+            help="Row of a table: a cell, an attractor or an orbit; .nc has everything.",
+        ),
     ] = "cells",
 ) -> None:
     """Write a survey, finished or not, as NetCDF, CSV or Parquet, by the ending of FILE.
@@ -29,11 +33,11 @@ def export(
     NetCDF has all that the store has but its levels, with CF conventions; a table has a row for each cell, or for each
     of its attractors or orbits. They are the files that a service gives for download.
     """
-    from gear_rattle.workers.survey.values.schema import Form
+    from gear_rattle.workers.survey.values.schema import RowForm
 
     if out.suffix not in ENDINGS:
         raise typer.BadParameter(f"{out} must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}", param_hint="FILE")
-    forms = [str(each) for each in (Form.CELLS, Form.ATTRACTORS, Form.ORBITS)]
+    forms = [str(each) for each in (RowForm.CELLS, RowForm.ATTRACTORS, RowForm.ORBITS)]
     if form not in forms:
         raise typer.BadParameter(f"{form!r} is none of {', '.join(forms)}", param_hint="--form")
     if "://" in store and not store.startswith("s3://"):
@@ -41,11 +45,11 @@ def export(
             f"{store} is a service's, which gives the same files at …/download.nc, .csv and .parquet",
             param_hint="STORE",
         )
-    _write(store, out, Form(form))
+    _write(store, out, RowForm(form))
     typer.echo(f"{out} holds it: {out.stat().st_size:,} bytes.")
 
 
-def _write(store: str, out: Path, form: Form) -> None:
+def _write(store: str, out: Path, form: RowForm) -> None:
     from gear_rattle.workers import open_survey, place_of
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names, write_netcdf, write_parquet
     from gear_rattle.workers.storage.store import open_groups
@@ -64,7 +68,7 @@ def _write(store: str, out: Path, form: Form) -> None:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[IO[bytes]]:
-    """A file that takes the place of `path` once it is whole; what fails on the way leaves nothing behind."""
+    """Yield a file that takes the place of `path` once it is whole; a failure leaves nothing behind."""
     from gear_rattle.service.errors import ServiceError
 
     part = path.with_name(f".{path.name}.{os.getpid()}")

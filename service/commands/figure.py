@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.drawing import draw
+from gear_rattle.service.commands.drawing import draw_survey
 from gear_rattle.service.commands.options import NO_NUMBERS, Slice, with_added
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ def figure(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where the figures go; made if need be.", show_default=".")
+        Path | None,
+        typer.Option(metavar="DIR", help="Directory of the figures; created if it does not exist.", show_default="."),
     ] = None,
     delta: Annotated[
         list[str] | None,
@@ -47,7 +48,12 @@ def figure(
     beta: Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")] = None,
     format_: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="pdf|svg|png", help="Repeatable: one file each.", show_default="pdf"),
+        typer.Option(
+            "--format",
+            metavar="pdf|svg|png",
+            help="Format of the files; repeatable, one file each.",
+            show_default="pdf",
+        ),
     ] = None,
     slice_: Slice = None,
     numbers: Mapping[str, float] = NO_NUMBERS,
@@ -90,13 +96,13 @@ def figure(
             )
     if len(what) > 2:
         raise typer.BadParameter("give a survey and one picture, or numbers of figures", param_hint="STORE")
-    draw(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
+    draw_survey(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
 
 
 def _requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
-    """The figures that are asked for, all checked before the first is computed."""
+    """Return the requested figures, all checked before the first is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
 
     numbers: list[int] = []

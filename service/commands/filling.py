@@ -1,4 +1,4 @@
-"""What the commands that fill a store have in common: compute what is missing of it, here or on a cluster."""
+"""Share the work of commands that fill a store: compute its missing parts, here or on a cluster."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
 
 @contextmanager
 def _stoppable(out: str) -> Iterator[threading.Event]:
-    """An event for a signal that ends the command after this."""
+    """Yield an event for a signal that ends the command after this."""
     from gear_rattle.service.commands.signals import stop_requested
 
     with stop_requested() as stop:
@@ -83,7 +83,7 @@ def _compile(request: AnyRequest, stop: threading.Event) -> None:
 def started(
     numbers: dict[str, float], scheduler: str | None, workers: int, should_stop: Callable[[], bool]
 ) -> AbstractContextManager[Client]:
-    """The cluster, and a word to whoever waits for it."""
+    """Return the cluster, and a word to whoever waits for it."""
     import rattle
     from gear_rattle.workers import connect, embedded_cluster
 
@@ -155,7 +155,7 @@ def _complete(request: AnyRequest, out: str, client: Client | None, should_stop:
 
 
 def _what_follows(request: SurveyRequest) -> Iterator[str]:
-    """What is done with a survey whose tiles are all there."""
+    """Yield the steps that follow for a survey whose tiles are all there."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

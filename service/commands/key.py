@@ -29,18 +29,22 @@ DatabaseUrl = Annotated[
 ]
 
 
-@app.command()
+@app.command(epilog="Example: rattle key add alice --scope submit")
 def add(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="For people: whose key it is.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Owner of the key, for people.")],
     scope: Annotated[
-        Literal["read", "submit"], typer.Option(help="Read results, or submit and remove surveys too.")
+        Literal["read", "submit"],
+        typer.Option(help="Scope of the key: read results, or also submit and remove surveys."),
     ] = "read",
     max_cells: Annotated[
         int | None,
-        typer.Option(min=1, max=LARGEST, help="Cells of all its surveys, kept ones too.", show_default="no quota"),
+        typer.Option(
+            min=1, max=LARGEST, help="Quota of cells of all its surveys, kept ones too.", show_default="no quota"
+        ),
     ] = None,
     max_running: Annotated[
-        int | None, typer.Option(min=1, max=LARGEST, help="Its surveys that wait or run.", show_default="no quota")
+        int | None,
+        typer.Option(min=1, max=LARGEST, help="Quota of its queued and running surveys.", show_default="no quota"),
     ] = None,
     data: Data = None,
     database_url: DatabaseUrl = None,
@@ -57,8 +61,8 @@ def add(
     typer.echo(token)
 
 
-@app.command("list")
-def list_(data: Data = None, database_url: DatabaseUrl = None) -> None:
+@app.command("list", epilog="Example: rattle key list")
+def list_keys(data: Data = None, database_url: DatabaseUrl = None) -> None:
     """List the keys, revoked ones too; never what is secret of them."""
     from rich.console import Console
     from rich.table import Table
@@ -75,9 +79,9 @@ def list_(data: Data = None, database_url: DatabaseUrl = None) -> None:
     Console(width=140).print(table)
 
 
-@app.command()
+@app.command(epilog="Example: rattle key revoke ID")
 def revoke(
-    key_id: Annotated[str, typer.Argument(metavar="ID", help="As `rattle key list` shows it.")],
+    key_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the key, as `rattle key list` shows it.")],
     data: Data = None,
     database_url: DatabaseUrl = None,
 ) -> None:

@@ -23,26 +23,32 @@ def limit(
     of: Annotated[
         str,
         typer.Argument(
-            metavar="NUMBER", help="eccentricity, backlash, rpm or drag of a machine; epsilon, beta or delta."
+            metavar="NUMBER",
+            help="Number to limit: eccentricity, backlash, rpm or drag of a machine; epsilon, beta or delta.",
         ),
     ],
     share: Annotated[float, typer.Option(help="Least probability of quiet running.")] = 0.99,
     over: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME=START:STOP:NUM", help="The limit as a curve over another number.", show_default=False
+            metavar="NAME=START:STOP:NUM", help="Compute the limit as a curve over another number.", show_default=False
         ),
     ] = None,
     between: Annotated[
         str | None,
-        typer.Option(metavar="LOW:HIGH", help="Values that are looked at.", show_default="to where nothing is quiet"),
+        typer.Option(
+            metavar="LOW:HIGH",
+            help="Range in which the limit is searched.",
+            show_default="up to where nothing is quiet",
+        ),
     ] = None,
-    count: Annotated[int, typer.Option(help="Initial conditions.")] = 2048,
+    count: Annotated[int, typer.Option(help="Number of initial conditions.")] = 2048,
     budget: options.Budget = None,
     seed: options.Seed = 0,
 ) -> None:
-    """Print up to which value of a number a gear runs quietly often enough: the largest eccentricity, backlash or
-    speed, the least drag.
+    """Print up to which value of a number a gear runs quietly often enough.
+
+    The largest eccentricity, backlash or speed, the least drag.
 
     The other numbers are options: delta, epsilon and beta, or a machine's.
     """
@@ -66,7 +72,7 @@ def limit(
 
 
 def _words(of: str, share: float, found: Limit, at: str = "") -> str:
-    """A limit in a line."""
+    """Return a limit in a line."""
     from rattle.populations import SAFE_IF_SMALL
 
     unit, scale = UNITS.get(of, ("", 1.0))

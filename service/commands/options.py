@@ -21,22 +21,22 @@ Command = Callable[..., None]
 NO_NUMBERS: Mapping[str, Any] = MappingProxyType({})
 MACHINE = "A machine, two equal gears, in SI units, instead of delta, epsilon and beta"
 NONE = "none: the impacting model"
-METRES = "m along the line of action"
+METRES = "in m along the line of action"
 #: The numbers of a gear: what each is, and the default that is shown. Those after what models add are a machine's.
 NUMBERS: dict[str, tuple[str, str | bool]] = {
     "delta": ("Damping.", False),
     "epsilon": ("Eccentricity.", False),
     "beta": ("Half-backlash.", "0.6"),
-    **{each.name: (f"{each.described}: the {each.model} model.", NONE) for each in added().values()},
-    "inertia": ("kg m², of each gear with what turns with it.", False),
-    "drag": ("N m s/rad: the drag torque of each gear over its speed.", False),
-    "backlash": (f"{METRES}.", False),
-    "eccentricity": (f"{METRES}: the amplitude of the transmission error once a revolution.", False),
-    "radius": ("m, of the base circle.", False),
-    "rpm": ("Revolutions per minute.", False),
-    "drive": ("A constant torque on one gear, or its speed imposed.", "torque"),
+    **{each.name: (f"{each.described} (selects the {each.model} model).", NONE) for each in added().values()},
+    "inertia": ("Moment of inertia of each gear and its shaft, in kg m².", False),
+    "drag": ("Drag torque of each gear over its speed, in N m s/rad.", False),
+    "backlash": (f"Backlash, {METRES}.", False),
+    "eccentricity": (f"Amplitude of the transmission error once a revolution, {METRES}.", False),
+    "radius": ("Radius of the base circle, in m.", False),
+    "rpm": ("Speed in revolutions per minute.", False),
+    "drive": ("Drive: a constant torque on one gear, or an imposed speed.", "torque"),
     **{
-        each.machine_number: (f"{each.machine_text}: the {each.model} model.", each.machine_absent)
+        each.machine_number: (f"{each.machine_text} (selects the {each.model} model).", each.machine_absent)
         for each in added().values()
         if each.machine_number is not None
     },
@@ -59,8 +59,14 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 def with_options(
     command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command options, None by default but for these; it takes what `taken_as` makes of the given ones, by name,
-    for its first argument.
+    """Give a command options, None by default but for these.
+
+    It takes what `taken_as` makes of the given ones, by name, for its first argument.
+
+    Returns
+    -------
+    Command
+        A decorator's result, the command.
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
     command.__annotations__.pop(next(iter(command.__annotations__)))  # of a module that is slow to import, perhaps
@@ -83,11 +89,19 @@ def with_options(
 
 
 def with_added(command: Command, kind: Any, text: str | None = None, after: str = "beta") -> Command:
-    """Give a command an option for each number that a model adds, behind one of its own; it takes those that are given
-    for its last argument, by name.
+    """Give a command an option for each number that a model adds, behind one of its own.
 
-    Args:
-        text: what the option is for, with `{}` where its name in words stands; by default as for a point.
+    It takes those that are given for its last argument, by name.
+
+    Parameters
+    ----------
+    text : str | None
+        What the option is for, with `{}` where its name in words stands; by default as for a point.
+
+    Returns
+    -------
+    Command
+        The command.
     """
     own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
     options = [
@@ -121,8 +135,14 @@ def with_added(command: Command, kind: Any, text: str | None = None, after: str 
 
 
 def with_numbers(command: Command) -> Command:
-    """Give a command the numbers of a gear, each one number or a distribution; it takes those given, as text by name,
-    for its first argument.
+    """Give a command the numbers of a gear, each one number or a distribution.
+
+    It takes those given, as text by name, for its first argument.
+
+    Returns
+    -------
+    Command
+        The command.
     """
     return with_options(command, number_options(str, "NUMBER|DISTRIBUTION"), lambda given: given)
 
@@ -130,22 +150,22 @@ def with_numbers(command: Command) -> Command:
 Beta = Annotated[float, typer.Option(help=NUMBERS["beta"][0])]
 Slice = Annotated[
     int | None,
-    typer.Option("--slice", metavar="NUMBER", help="Of a survey with a third axis: which value of it, from 0."),
+    typer.Option("--slice", metavar="NUMBER", help="Number of the slice of a survey with a third axis, from 0."),
 ]
-Sample = Annotated[int, typer.Option(help="Initial conditions of the sample.")]
+Sample = Annotated[int, typer.Option(help="Number of initial conditions.")]
 Budget = Annotated[
     int | None,
-    typer.Option(help="Impacts after which a sample is undecided.", show_default="1000000"),
+    typer.Option(help="Number of impacts after which a sample is undecided.", show_default="1000000"),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
-Name = Annotated[str, typer.Option(help="A name for people.")]
-Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Where the service is.")]
+Seed = Annotated[int, typer.Option(help="Random seed of the initial conditions.")]
+Name = Annotated[str, typer.Option(help="Name of the survey, shown in lists.")]
+Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Address of the service.")]
 Workers = Annotated[
     int | None,
     typer.Option(
         min=1,
-        help="Processes of the embedded cluster.",
-        show_default="2; for a few seconds of work none but this one",
+        help="Number of processes of the embedded cluster.",
+        show_default="2; this process only for a few seconds of work",
     ),
 ]
 Scheduler = Annotated[
@@ -153,13 +173,26 @@ Scheduler = Annotated[
     typer.Option(
         envvar="RATTLE_SCHEDULER",
         metavar="URL",
-        help="An existing dask scheduler, such as tcp://host:8786, or its scheduler file (….json).",
+        help="Address of an existing dask scheduler, such as tcp://host:8786, or its scheduler file (….json).",
     ),
 ]
 
 
 def settings_of(**given: Any) -> Settings:
-    """Settings of a service, where None leaves them to the environment; typer.BadParameter names what is wrong."""
+    """Return settings of a service; None leaves them to the environment.
+
+    typer.BadParameter names the wrong option.
+
+    Returns
+    -------
+    Settings
+        The settings.
+
+    Raises
+    ------
+    BadParameter
+        If a setting is wrong.
+    """
     from pydantic import ValidationError
 
     from gear_rattle.service.settings import Settings

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # of the limits
 
 
 @at_point()
-def orbits(point: Point) -> None:
+def orbits(point: GivenPoint) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""
     from rich.console import Console
     from rich.table import Table
 
     from rattle.models import model_at
-    from rattle.orbits import in_words
+    from rattle.orbits import region_in_words
 
     gear, machine = point.gear, point.machine
     found = model_at(gear).limits(gear.delta)
     limits = [(name, value) for field, name in NAMES.items() if (value := getattr(found, field)) is not None]
     console = Console(highlight=False, width=WIDTH)
-    console.print(f"{point.words}: {in_words(gear.region())}")
+    console.print(f"{point.words}: {region_in_words(gear.region())}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:
         length = machine.units.length

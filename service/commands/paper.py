@@ -14,11 +14,13 @@ UNEXPECTED = 1
 
 
 def paper(
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print docs/paper.md, derivations and all.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print docs/paper.md, with all derivations.")] = False,
     only: Annotated[
         int | None,
         typer.Option(
-            metavar="NUMBER", help="Compute one finding alone, with the numbers that it explains.", show_default="all"
+            metavar="NUMBER",
+            help="Number of a finding to compute alone, with the numbers that it explains.",
+            show_default="all",
         ),
     ] = None,
 ) -> None:

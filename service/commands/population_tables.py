@@ -1,4 +1,4 @@
-"""What follows from a population, as commands print it."""
+"""Print the answers of a population, for the commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNITS = {
 
 
 def print_population(found: Population) -> None:
-    """What follows from a population, in words and tables."""
+    """Print the answers of a population, in words and tables."""
     from rich.console import Console
 
     from rattle import RattleError

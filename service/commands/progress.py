@@ -19,15 +19,19 @@ PLAIN_SECONDS = 10.0
 class Reporter(Protocol):
     """Shows how many cells are done, and how many seconds are left if somebody knows better than by the speed."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        """Begin the display."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    ) -> None:
+        """End the display."""
 
-    def show(self, cells_done: int) -> None: ...
+    def show(self, cells_done: int) -> None:
+        """Show the number of computed cells."""
 
-    def tell_left(self, seconds: float) -> None: ...
+    def tell_left(self, seconds: float) -> None:
+        """Show the remaining time."""
 
 
 class _Told(logging.Handler):
@@ -56,7 +60,7 @@ def compiling_told() -> Iterator[None]:
 
 
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
-    """A progress bar if stderr is a terminal, otherwise a line now and then."""
+    """Return a progress bar if stderr is a terminal, otherwise a line now and then."""
     console = Console(stderr=True)
     return (_Bar if console.is_terminal else _Lines)(console, cells, cells_done, what)
 

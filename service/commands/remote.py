@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 NOT_FOUND = 404
 
-Key = Annotated[str | None, typer.Option(help="Idempotency key: submitting twice accepts it once.")]
-Force = Annotated[bool, typer.Option("--force", help="Compute it although an identical one is there.")]
-Watch = Annotated[bool, typer.Option("--watch", help="Wait until it ends.")]
+Key = Annotated[str | None, typer.Option(help="Idempotency key: two submissions with one key are accepted once.")]
+Force = Annotated[bool, typer.Option("--force", help="Compute the survey although an identical one exists.")]
+Watch = Annotated[bool, typer.Option("--watch", help="Wait until the survey ends.")]
 
 
 @with_survey
@@ -38,13 +38,15 @@ def submit(
         job = client.submit(request, idempotency_key=key, force=force)
         typer.echo(job.id)
         if watch:
-            follow(job)
+            follow_job(job)
 
 
 def list_(
     url: Url = DEFAULT_URL,
-    limit: Annotated[int, typer.Option(min=1, help="Surveys to print, newest first.")] = 50,
-    populations: Annotated[bool, typer.Option("--populations", help="Populations of gears instead.")] = False,
+    limit: Annotated[int, typer.Option(min=1, help="Number of surveys to print, newest first.")] = 50,
+    populations: Annotated[
+        bool, typer.Option("--populations", help="List populations of gears instead of surveys.")
+    ] = False,
 ) -> None:
     """List the surveys of a service, or its populations."""
     from itertools import islice
@@ -67,20 +69,20 @@ def list_(
 
 
 def watch(
-    job_id: Annotated[str, typer.Argument(metavar="ID", help="The id of a survey or of a population.")],
+    job_id: Annotated[str, typer.Argument(metavar="ID", help="Id of a survey or of a population.")],
     url: Url = DEFAULT_URL,
 ) -> None:
     """Follow a survey or a population until it ends, and print where its results are; of a population what follows."""
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
-        follow(_job(client, job_id))
+        follow_job(_job(client, job_id))
 
 
 def describe(
-    survey_id: Annotated[str, typer.Argument(metavar="ID", help="The id of a survey.")],
-    name: Annotated[str | None, typer.Option(help="Its name from now on.")] = None,
-    notes: Annotated[str | None, typer.Option(help="Notes about it, in place of those that it has.")] = None,
+    survey_id: Annotated[str, typer.Argument(metavar="ID", help="Id of a survey.")],
+    name: Annotated[str | None, typer.Option(help="New name.")] = None,
+    notes: Annotated[str | None, typer.Option(help="New notes, in place of the present ones.")] = None,
     url: Url = DEFAULT_URL,
 ) -> None:
     """Give a survey of a service another name, or notes, and print both."""
@@ -93,7 +95,7 @@ def describe(
 
 
 def _job(client: Client, job_id: str) -> Job:
-    """What has this id."""
+    """Return the job with this id."""
     from gear_rattle.service.errors import ResponseError
 
     try:
@@ -109,7 +111,7 @@ def _job(client: Client, job_id: str) -> Job:
         raise typer.BadParameter(f"the service has no survey and no population {job_id}: see rattle list") from error
 
 
-def follow(job: Job) -> None:
+def follow_job(job: Job) -> None:
     """Show how far it is until it ends, and then what is known."""
     from gear_rattle.service.commands.progress import reporter
 

@@ -19,17 +19,19 @@ if TYPE_CHECKING:
 def run(
     request: SurveyRequest,
     out: Annotated[
-        str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
+        str, typer.Option(metavar="PATH", help="Zarr store to write or to resume: a path, or s3://BUCKET/PREFIX.")
     ],
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
-    figure: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the survey when it is complete.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw the completed survey into this file.")
+    ] = None,
 ) -> None:
     """Compute a survey and write it to PATH: in this process, with an embedded cluster or with an existing one.
 
     The same command resumes an interrupted survey (Ctrl-C, SIGTERM, a crash); the numbers are the same to the last bit.
     """
-    from gear_rattle.service.commands.drawing import draw, require_writable
+    from gear_rattle.service.commands.drawing import draw_survey, require_writable
 
     if figure is not None:
         if request.third:
@@ -40,7 +42,7 @@ def run(
     fill(request, out, scheduler, workers)
     _summarise(out)
     if figure is not None:
-        draw(out, figure)
+        draw_survey(out, figure)
 
 
 def _percent(share: float) -> str:

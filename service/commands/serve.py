@@ -16,23 +16,27 @@ if TYPE_CHECKING:
 
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")] = None,
-    port: Annotated[int | None, typer.Option(help="Port; 0 takes a free one.", show_default="8000")] = None,
+    port: Annotated[
+        int | None, typer.Option(help="Port to listen on; 0 takes a free one.", show_default="8000")
+    ] = None,
     data: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Directory of the job database and the stores.", show_default="data"),
     ] = None,
     store: Annotated[
-        str | None, typer.Option(metavar="URL", help="s3://BUCKET/PREFIX of the stores.", show_default="in DIR")
+        str | None, typer.Option(metavar="URL", help="Bucket of the stores: s3://BUCKET/PREFIX.", show_default="in DIR")
     ] = None,
     root_path: Annotated[
         str | None,
-        typer.Option(metavar="PATH", help="Path below which a proxy has it, as /rattle.", show_default="none"),
+        typer.Option(
+            metavar="PATH", help="Path at which a proxy publishes the service, such as /rattle.", show_default="none"
+        ),
     ] = None,
     scheduler: Scheduler = None,
-    workers: Annotated[int | None, typer.Option(help="Processes of the embedded cluster.", show_default="2")] = None,
-    insecure: Annotated[
-        bool, typer.Option("--insecure", help="Ask nobody for an API key, whatever the address.")
-    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of processes of the embedded cluster.", show_default="2")
+    ] = None,
+    insecure: Annotated[bool, typer.Option("--insecure", help="Require no API key, whatever the address.")] = False,
 ) -> None:
     """Serve surveys over HTTP, until SIGINT or SIGTERM.
 
@@ -46,7 +50,7 @@ def serve(
     from gear_rattle.service.commands.signals import stop_requested
     from gear_rattle.service.jobs.opening import opened
     from gear_rattle.service.observability.logs import log_config
-    from gear_rattle.service.web.server import run
+    from gear_rattle.service.web.server import run_server
 
     settings = settings_of(
         host=host,
@@ -70,7 +74,7 @@ def serve(
             err=True,
         )
     with stop_requested() as asked_to_stop:  # uvicorn raises the signal again after a clean shutdown
-        started = run(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
+        started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:
         raise typer.Exit(1)
 

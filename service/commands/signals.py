@@ -13,7 +13,7 @@ STOPS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def stop_requested() -> Iterator[threading.Event]:
-    """An event that the first SIGINT or SIGTERM sets; a second one ends the process at once."""
+    """Yield an event that the first SIGINT or SIGTERM sets; a second one ends the process at once."""
     event = threading.Event()
     previous = {number: signal.getsignal(number) for number in STOPS}
 

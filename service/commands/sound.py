@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import Point, at_point
-from gear_rattle.service.commands.attractors import SpeedLimit, found_at, name_of
+from gear_rattle.service.commands.at_point import GivenPoint, at_point
+from gear_rattle.service.commands.attractors import SpeedLimit, attractor_name, found_at
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -19,20 +19,22 @@ if TYPE_CHECKING:
 
 @at_point(timed=True)
 def sound(
-    point: Point,
-    out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="The sound.")],
+    point: GivenPoint,
+    out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="Sound file to write.")],
     attractor: Annotated[
         int | None,
-        typer.Option(help="Its number in `rattle attractors`, from 1.", show_default="the one of most power"),
+        typer.Option(
+            help="Number of the attractor in `rattle attractors`, from 1.", show_default="the one of most power"
+        ),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="How long.")] = 5.0,
-    ring: Annotated[float, typer.Option(help="Frequency of the ring of an impact, Hz.")] = 2000.0,
-    decay: Annotated[float, typer.Option(help="Seconds in which it dies away by e.")] = 0.005,
-    rate: Annotated[int, typer.Option(help="Samples per second.")] = 44100,
+    seconds: Annotated[float, typer.Option(help="Length in seconds.")] = 5.0,
+    ring: Annotated[float, typer.Option(help="Frequency of the ring of an impact, in Hz.")] = 2000.0,
+    decay: Annotated[float, typer.Option(help="Decay time of the ring (to 1/e), in seconds.")] = 0.005,
+    rate: Annotated[int, typer.Option(help="Sample rate, in Hz.")] = 44100,
     full_scale: Annotated[
         float | None,
         typer.Option(
-            help="Impulse of the model that is as loud as can be, so that sounds can be compared.",
+            help="Impulse of the model that has full volume, so that sounds can be compared.",
             show_default="the loudest sample",
         ),
     ] = None,
@@ -42,16 +44,16 @@ def sound(
 ) -> None:
     """Write the impacts of a motion as a sound: each rings, as loud as its impulse, at the speed of --rpm."""
     if point.rpm is None:
-        raise typer.BadParameter("say how fast it turns: --rpm", param_hint="--rpm")
+        raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
     chosen = _chosen(point, found_at(point, count, v_max, seed), attractor)
     heard = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
     _write(out, heard, rate, full_scale)
     share = f"{100 * chosen.fraction:.3g} % of the initial conditions"
-    typer.echo(f"{out}: {name_of(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
+    typer.echo(f"{out}: {attractor_name(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
 
 
-def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """The attractor of this number, or the one that rattles hardest."""
+def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
+    """Return the attractor of this number, or the one that rattles hardest."""
     if number is not None:
         if not 1 <= number <= len(found):
             raise typer.BadParameter(f"there are attractors 1 to {len(found)}", param_hint="--attractor")

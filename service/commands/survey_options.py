@@ -31,17 +31,17 @@ _OF_A_MACHINE = number_options(float)
 OPTIONS: dict[str, Any] = {
     "delta": _axis("delta"),
     "epsilon": _axis("epsilon"),
-    "beta": _option(str, "Half-backlash: one, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"),
+    "beta": _option(str, "Half-backlash: one value, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"),
     **{
         name: _option(
             str,
-            f"{each.described}, one{' or a third axis' if each.is_axis else ''}: the {each.model} model.",
+            f"{each.described}: one value{' or a third axis' if each.is_axis else ''} (the {each.model} model).",
             metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
             show_default=NUMBERS[name][1],
         )
         for name, each in added().items()
     },
-    "count": _option(int, "Initial conditions per cell."),
+    "count": _option(int, "Number of initial conditions per cell."),
     "v_max": _option(
         str,
         'Largest initial speed, or "natural": 1.5 √(16πδβ) + 2πε of each cell.',
@@ -49,22 +49,27 @@ OPTIONS: dict[str, Any] = {
         show_default="7 in the paper's plane, natural elsewhere",
     ),
     "budget": Budget,
-    "slots": _option(int, "Attractors that a cell lists.", show_default="8; 24 where δ begins below 0.1"),
+    "slots": _option(
+        int, "Largest number of attractors to store per cell.", show_default="8; 24 where δ begins below 0.1"
+    ),
     "slots_by": _option(
         str,
-        "Which slot an attractor is in: the first of the largest share, or each family in one.",
+        "Order attractors by: fraction (the largest basin fraction first), or family (one slot for each family).",
         metavar="fraction|family",
         show_default="family where families are asked for",
     ),
-    "seed": _option(int, "Seed of the samples."),
+    "seed": _option(int, "Random seed of the initial conditions."),
     "name": Name,
     "tile": _option(
-        str, "Cells of one tile, a task and a chunk.", metavar="DELTAxEPSILON", show_default="by the sample"
+        str,
+        "Number of cells of a tile, which is one task and one chunk.",
+        metavar="DELTAxEPSILON",
+        show_default="chosen by the size of the sample",
     ),
     "quantity": _option(
         list[str],
-        "What to compute, such as region or attractors; repeatable. Only by name: basins (costly), intensity, families "
-        "(with attractors and lyapunov, of which they are made).",
+        "Quantity to compute, such as region or attractors; repeatable. These are computed only if named: basins "
+        "(costly), intensity, families (which need attractors and lyapunov).",
         metavar="NAME",
         show_default="all others",
     ),
@@ -72,37 +77,37 @@ OPTIONS: dict[str, Any] = {
         bool,
         typer.Option(
             "--refine",
-            help="Compute few cells first, and more where what exists differs between them; fill the others.",
+            help="Adaptive refinement: compute few cells, and more where neighbours differ; fill the others.",
         ),
     ],
     "audit": _option(
         float,
-        "With --refine: of the filled cells that are computed all the same.",
+        "Share of filled cells to recompute as a check (with --refine).",
         metavar="SHARE",
         show_default="0.02",
     ),
     "bound": _option(
         float,
-        "With --refine: how many of the filled cells may be wrong (95 %); more are computed until no more are.",
+        "Largest share of filled cells that may be wrong, with 95 % confidence; more are computed until then.",
         metavar="SHARE",
     ),
     "certify": Annotated[
         bool,
         typer.Option(
-            "--certify", help="Prove the periodic attractors, into a store of certificates beside the survey's."
+            "--certify", help="Prove the periodic attractors, and write certificates to a store beside the survey's."
         ),
     ],
     **{name: _OF_A_MACHINE[name] for name in SURVEYED_MACHINE},
     "rpm": _option(
         str,
-        "Revolutions per minute, both ends included: evenly spaced in δ, so in the time of a revolution.",
+        "Speed range in revolutions per minute, both ends included; values are evenly spaced in δ.",
         metavar=AXIS,
         rich_help_panel=MACHINE,
         show_default=False,
     ),
     "eccentricity": _option(
         str,
-        f"m: the amplitude of the transmission error once a revolution: {EVENLY}",
+        f"Amplitude of the transmission error once a revolution, in m: {EVENLY}",
         metavar=AXIS,
         rich_help_panel=MACHINE,
         show_default=False,
@@ -118,8 +123,19 @@ def with_survey(command: Command) -> Command:
 
 
 def survey_request(given: dict[str, Any]) -> SurveyRequest:
-    """Return the request that these options describe, defaults for all others; typer.BadParameter names the option that
-    is wrong.
+    """Return the request that these options describe, defaults for all others.
+
+    Typer.BadParameter names the option that is wrong.
+
+    Returns
+    -------
+    SurveyRequest
+        The request.
+
+    Raises
+    ------
+    BadParameter
+        If an option is wrong.
     """
     from pydantic import ValidationError
 

@@ -10,7 +10,7 @@ import typer
 from gear_rattle.service.commands import options
 from gear_rattle.service.commands.filling import fill
 from gear_rattle.service.commands.population_tables import print_population
-from gear_rattle.service.commands.remote import Force, Key, Watch, follow
+from gear_rattle.service.commands.remote import Force, Key, Watch, follow_job
 
 if TYPE_CHECKING:
     from gear_rattle.workers import PopulationRequest
@@ -22,39 +22,43 @@ def tolerance(
     out: Annotated[
         str | None,
         typer.Option(
-            metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.", show_default=False
+            metavar="PATH", help="Zarr store to write or to resume: a path, or s3://BUCKET/PREFIX.", show_default=False
         ),
     ] = None,
-    submit: Annotated[bool, typer.Option("--submit", help="Submit it to a service instead.")] = False,
+    submit: Annotated[bool, typer.Option("--submit", help="Submit the population to a service instead.")] = False,
     measured: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Measured gears: a column for each number that varies, a row for each gear."),
+        typer.Option(
+            metavar="CSV", help="Table of measured gears: a column for each number that varies, a row for each gear."
+        ),
     ] = None,
     correlation: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME:NAME:NUMBER", help="Correlation of two numbers; repeatable.", show_default="none"),
     ] = None,
-    gears: Annotated[int, typer.Option(help="Gears of the population.")] = 4096,
-    count: Annotated[int, typer.Option(help="States that each gear begins from.")] = 16,
+    gears: Annotated[int, typer.Option(help="Number of gears of the population.")] = 4096,
+    count: Annotated[int, typer.Option(help="Number of initial conditions of each gear.")] = 16,
     share: Annotated[
-        float | None, typer.Option(help="A gear passes if it runs quietly with this probability at least.")
+        float | None, typer.Option(help="Least probability of quiet running of a gear that passes.")
     ] = None,
     margin: Annotated[
         float | None,
-        typer.Option(help="A gear passes if no impact up to this speed ends quiet running; m/s of a machine."),
+        typer.Option(help="Impact speed up to which a gear that passes keeps running quietly; m/s of a machine."),
     ] = None,
-    judged: Annotated[int, typer.Option(help="Gears that are asked whether they pass.")] = 256,
+    judged: Annotated[int, typer.Option(help="Number of gears to judge.")] = 256,
     shock_speed: Annotated[
-        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Begin with a knock of this speed.")
+        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Speed of a shock that the gears begin with.")
     ] = None,
     shock_phase: Annotated[
-        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Its phase.", show_default="any")
+        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Phase of the shock.", show_default="any")
     ] = None,
-    pairs: Annotated[int, typer.Option(help="Gears with others that share numbers, for Sobol indices.")] = 1024,
+    pairs: Annotated[int, typer.Option(help="Number of pairs of gears that share numbers, for Sobol indices.")] = 1024,
     seed: options.Seed = 0,
     budget: options.Budget = None,
     name: options.Name = "",
-    tile: Annotated[int | None, typer.Option(help="Gears of one tile, a task and a chunk.")] = None,
+    tile: Annotated[
+        int | None, typer.Option(help="Number of gears of a tile, which is one task and one chunk.")
+    ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     url: options.Url = options.DEFAULT_URL,
@@ -62,8 +66,9 @@ def tolerance(
     force: Force = False,
     watch: Watch = False,
 ) -> None:
-    """Compute a population of gears, write it to PATH, and print what follows from it; or submit it to a service, and
-    print its id: that of an identical population, if the service has one.
+    """Compute a population of gears, write it to PATH, and print what follows from it.
+
+    Or submit it to a service, and print its id: that of an identical population, if the service has one.
 
     A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
     lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last
@@ -93,7 +98,7 @@ def _submit(request: PopulationRequest, url: str, key: str | None, force: bool, 
         job = client.submit_population(request, idempotency_key=key, force=force)
         typer.echo(job.id)
         if watch:
-            follow(job)
+            follow_job(job)
 
 
 def _request(
@@ -103,12 +108,12 @@ def _request(
     shock: dict[str, str | None],
     asked: dict[str, Any],
 ) -> PopulationRequest:
-    """The request that these options describe; typer.BadParameter names the option that is wrong."""
+    """Return the request that these options describe; typer.BadParameter names the wrong option."""
     from pydantic import ValidationError
 
     import rattle
     from gear_rattle.workers import PopulationRequest
-    from gear_rattle.workers.populations.numbers import described
+    from gear_rattle.workers.populations.numbers import as_requested
     from gear_rattle.workers.survey.axes import place_and_reason
     from rattle.populations import Tolerances, distribution_of
 
@@ -116,7 +121,7 @@ def _request(
         try:
             return float(text)
         except ValueError:
-            return described(distribution_of(text))
+            return as_requested(distribution_of(text))
 
     try:
         gear: dict[str, Any] = {name: text if name == "drive" else read(text) for name, text in numbers.items()}
@@ -130,7 +135,7 @@ def _request(
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
                 raise typer.BadParameter(f"what varies is in {measured}: give plain numbers for all else")
-            gear |= {name: described(each) for name, each in found.items()}
+            gear |= {name: as_requested(each) for name, each in found.items()}
         elif pairs:
             matrix = _matrix(Tolerances({**numbers}).names, pairs)
         given = {name: read(text) for name, text in shock.items() if text is not None}
@@ -146,7 +151,7 @@ def _request(
 
 
 def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
-    """The matrix of these correlations."""
+    """Return the matrix of these correlations."""
     import numpy as np
 
     matrix, given = np.eye(len(names)), list[set[int]]()

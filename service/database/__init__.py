@@ -12,7 +12,7 @@ from gear_rattle.service.database.engine import open_engine, shown
 from gear_rattle.service.database.hold import Hold, hold
 from gear_rattle.service.database.identity import NewJob
 from gear_rattle.service.database.keys import Keys
-from gear_rattle.service.database.schema import is_current, upgrade
+from gear_rattle.service.database.schema import is_current, upgrade_schema
 from gear_rattle.service.database.surveys import DoneTile, Surveys
 from gear_rattle.service.errors import DataDirectoryError
 
@@ -22,16 +22,23 @@ __all__ = ["Database", "DoneTile", "NewJob"]
 class Database(Surveys, Keys):
     """Surveys, their tiles and events, and API keys. Every method is one transaction, callable from any thread.
 
-    Args:
-        url: SQLAlchemy URL of a SQLite file or of a PostgreSQL database.
-        on_change: called with the id of a survey after each commit that added an event to it.
-        exclusive: hold the database against every other service until it is closed. A short-lived tool beside a
-            running service says False: it holds it only while it has to bring the schema up to date.
-        require: called before each transaction; what it raises is raised.
+    Parameters
+    ----------
+    url
+        SQLAlchemy URL of a SQLite file or of a PostgreSQL database.
+    on_change
+        Called with the id of a survey after each commit that added an event to it.
+    exclusive
+        Hold the database against every other service until it is closed. A short-lived tool beside a running service
+        says False: it holds it only while it has to bring the schema up to date.
+    require
+        Called before each transaction; what it raises is raised.
 
-    Raises:
-        DataDirectoryError: the database cannot be opened, another service holds it, or it belongs to another program
-            or to a newer version; it is left as it was.
+    Raises
+    ------
+    DataDirectoryError
+        The database cannot be opened, another service holds it, or it belongs to another program or to a newer version;
+        it is left as it was.
     """
 
     def __init__(
@@ -67,7 +74,7 @@ class Database(Surveys, Keys):
         if current and not exclusive:
             return
         self._hold = hold(self._reader)
-        upgrade(self._reader)
+        upgrade_schema(self._reader)
         if exclusive:
             self._write_with(self._hold.writer)
             with self._write() as (_, service):

@@ -20,12 +20,22 @@ UNPOOLED = {"poolclass": NullPool}
 def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     """Return the engine of a job database; nothing is read or written yet.
 
-    Args:
-        url: SQLAlchemy URL.
-        pool: how connections are kept; :data:`UNPOOLED` keeps none.
+    Parameters
+    ----------
+    url : str | URL
+        SQLAlchemy URL.
+    pool : dict[str, Any]
+        How connections are kept; :data:`UNPOOLED` keeps none.
 
-    Raises:
-        DataDirectoryError: neither SQLite in a file nor PostgreSQL.
+    Returns
+    -------
+    Engine
+        The engine.
+
+    Raises
+    ------
+    DataDirectoryError
+        Neither SQLite in a file nor PostgreSQL.
     """
     parsed = make_url(url)
     kind = parsed.get_backend_name()
@@ -39,12 +49,12 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
 
 
 def shown(url: URL) -> str:
-    """The URL for people and logs, without its password."""
+    """Return the URL for people and logs, without its password."""
     return url.render_as_string(hide_password=True)
 
 
 def _json_of(text: Any) -> Any:
-    """A value of JSON; None if it is damaged, or one row would keep all others from being read."""
+    """Return a value of JSON; None if it is damaged, or one row would keep all others from being read."""
     try:
         return json.loads(text)
     except (ValueError, TypeError, RecursionError):
@@ -83,7 +93,7 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
 
 
 def _file(url: URL) -> tuple[int, int] | None:
-    """Which file the path of a SQLite database names now, if any."""
+    """Return the identity of the file that the path of a SQLite database names now, if any."""
     try:
         found = os.stat(str(url.database))
     except OSError:

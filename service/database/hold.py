@@ -28,8 +28,15 @@ class Hold(Protocol):
 def hold(engine: Engine) -> Hold:
     """Lock a job database. Every write goes through the `writer` of the lock.
 
-    Raises:
-        DataDirectoryError: another service holds the database, or its lock file cannot be used.
+    Returns
+    -------
+    Hold
+        The lock.
+
+    Raises
+    ------
+    DataDirectoryError
+        Another service holds the database, or its lock file cannot be used.
     """
     return _FileHold(engine) if engine.dialect.name == "sqlite" else _SessionHold(engine)
 

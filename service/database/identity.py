@@ -1,4 +1,4 @@
-"""Which survey a submission already is: by its idempotency key, or by what it computes."""
+"""Identify the survey that a submission already is: by its idempotency key, or by its content."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobRow, Kind, State
+from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobKind, JobRow, State
 from gear_rattle.service.errors import ConflictError
 
 #: Idempotency keys of one survey that are remembered beside that which it was made with.
@@ -18,7 +18,7 @@ MOST_ANSWERED = 100
 
 @dataclass(frozen=True)
 class NewJob:
-    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key.
+    """Survey at its acceptance; ``body_hash`` tells one body from another under the same key.
 
     Owners, which are ids of API keys, have idempotency keys of their own.
     """
@@ -31,7 +31,7 @@ class NewJob:
     n_tiles: int
     idempotency_key: str | None = None
     owner: str | None = None
-    kind: Kind = Kind.SURVEY
+    kind: JobKind = JobKind.SURVEY
 
     @property
     def stored_key(self) -> str | None:
@@ -42,7 +42,7 @@ class NewJob:
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """The survey that was answered with under the same idempotency key; ConflictError if it had another body."""
+    """Return the survey that was answered with under the same idempotency key; ConflictError if it had another body."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
@@ -58,9 +58,14 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
 
 
 def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
-    """A survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
+    """Return a survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
 
     One that waits or runs can be dismissed by its owner, and nobody else shall lose a survey by that.
+
+    Returns
+    -------
+    JobRow | None
+        The survey, or None.
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())

@@ -10,7 +10,7 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 from sqlalchemy.sql import Select
 
-from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, now
+from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, timestamp
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import UnknownKeyError
 
@@ -33,12 +33,23 @@ class Keys(Transactions):
     ) -> KeyRow:
         """Add a key.
 
-        Args:
-            name: for people; need not be unique.
-            key_hash: of the secret, which is stored nowhere.
-            scopes: what it allows.
-            max_cells: cells of all surveys of this key that wait, run or are kept; None for any number.
-            max_running: surveys of this key that wait or run, None for the limit of the service.
+        Parameters
+        ----------
+        name : str
+            For people; need not be unique.
+        key_hash : str
+            Of the secret, which is stored nowhere.
+        scopes : Collection[Scope]
+            What it allows.
+        max_cells : int | None
+            Cells of all surveys of this key that wait, run or are kept; None for any number.
+        max_running : int | None
+            Surveys of this key that wait or run, None for the limit of the service.
+
+        Returns
+        -------
+        KeyRow
+            The key.
         """
         with self._write() as (session, _):
             key = KeyRow(
@@ -53,7 +64,7 @@ class Keys(Transactions):
         return key
 
     def keys(self) -> Sequence[KeyRow]:
-        """Every key, oldest first, revoked ones too."""
+        """Return every key, oldest first, revoked ones too."""
         with self._read() as session:
             return session.scalars(select(KeyRow).order_by(KeyRow.created, KeyRow.id)).all()
 
@@ -63,12 +74,12 @@ class Keys(Transactions):
             key = session.get(KeyRow, key_id) if "\0" not in key_id else None
             if key is None:
                 raise UnknownKeyError(key_id)
-            key.revoked = key.revoked or now()
+            key.revoked = key.revoked or timestamp()
             session.execute(delete(SessionRow).where(SessionRow.key == key_id))
         return key
 
     def key_by_hash(self, key_hash: str) -> KeyRow | None:
-        """The key with this hash, unless it was revoked."""
+        """Return the key with this hash, unless it was revoked."""
         with self._read() as session:
             return session.scalars(
                 select(KeyRow).where(KeyRow.hash == key_hash, KeyRow.revoked.is_(None))
@@ -77,14 +88,14 @@ class Keys(Transactions):
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
         """Sign a browser in for so long; what has expired is forgotten."""
         with self._write() as (session, _):
-            session.execute(delete(SessionRow).where(SessionRow.expires <= now()))
+            session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
             surplus = session.scalars(older.offset(MOST_SESSIONS - 1)).all()
             session.execute(delete(SessionRow).where(SessionRow.hash.in_(surplus)))
-            session.add(SessionRow(hash=session_hash, key=key_id, expires=now(seconds)))
+            session.add(SessionRow(hash=session_hash, key=key_id, expires=timestamp(seconds)))
 
     def key_by_session(self, session_hash: str) -> KeyRow | None:
-        """The key that a browser has signed in with, unless that has expired, or the key was revoked."""
+        """Return the key that a browser has signed in with, unless that has expired, or the key was revoked."""
         with self._read() as session:
             return session.scalars(_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
 
@@ -94,7 +105,7 @@ class Keys(Transactions):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
     def still_in(self, identities: Collection[Identity]) -> set[Identity]:
-        """Those of them whose keys were not revoked, and whose sessions go on."""
+        """Return those of them whose keys were not revoked, and whose sessions go on."""
         keys = {key for key, _ in identities}
         hashes = {session_hash for _, session_hash in identities if session_hash is not None}
         with self._read() as session:
@@ -111,4 +122,4 @@ def _sessions_in(session: Session, hashes: set[str]) -> set[str]:
 
 def _live_sessions(what: Select[tuple[Any]]) -> Select[tuple[Any]]:
     joined = what.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
-    return joined.where(SessionRow.expires > now(), KeyRow.revoked.is_(None))
+    return joined.where(SessionRow.expires > timestamp(), KeyRow.revoked.is_(None))

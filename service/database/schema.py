@@ -19,10 +19,17 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 
 
 def is_current(engine: Engine) -> bool:
-    """Whether the schema is that of this version. Reads only.
+    """Return whether the schema is that of this version. Reads only.
 
-    Raises:
-        DataDirectoryError: the database belongs to another program, or to a newer version.
+    Returns
+    -------
+    bool
+        True if it is current.
+
+    Raises
+    ------
+    DataDirectoryError
+        The database belongs to another program, or to a newer version.
     """
     from alembic.runtime.migration import MigrationContext
     from alembic.script import ScriptDirectory
@@ -36,15 +43,20 @@ def is_current(engine: Engine) -> bool:
         head = scripts.get_current_head()
         if revision is None:
             if tables - {VERSIONS}:
-                raise _foreign(engine, "another program")
+                refusal = _foreign(engine, "another program")
+                raise refusal
         elif revision not in {script.revision for script in scripts.walk_revisions()}:
-            raise _foreign(engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})")
+            refusal = _foreign(
+                engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})"
+            )
+            raise refusal
         elif revision == head and not _has(present, _PRESENT):
-            raise _foreign(engine, "another program, or has been changed by hand")
+            refusal = _foreign(engine, "another program, or has been changed by hand")
+            raise refusal
         return revision == head
 
 
-def upgrade(engine: Engine) -> None:
+def upgrade_schema(engine: Engine) -> None:
     """Bring the schema to the present, data included, in one transaction. Whoever calls holds the database."""
     from alembic import command
 

@@ -12,7 +12,17 @@ from sqlalchemy import bindparam, delete, func, select, text, update
 from sqlalchemy.orm import Session
 
 from gear_rattle.service.database.identity import NewJob, find_by_key, find_identical
-from gear_rattle.service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, Kind, ServiceRow, State, TileRow, now
+from gear_rattle.service.database.tables import (
+    ACTIVE,
+    EventRow,
+    JobKind,
+    JobRow,
+    KeyRow,
+    ServiceRow,
+    State,
+    TileRow,
+    timestamp,
+)
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
@@ -49,15 +59,27 @@ class Surveys(Transactions):
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
         """Add a survey, or find the one answered with before under the same idempotency key, or one that is the same.
 
-        Args:
-            has_results: whether the store of a successful survey is still there. Without it none is the same: a survey
-                is computed although it was computed before.
+        Parameters
+        ----------
+        has_results : Callable[[str], bool] | None
+            Whether the store of a successful survey is still there. Without it none is the same: a survey is computed
+            although it was computed before.
 
-        Raises:
-            ConflictError: the key was used for another body.
-            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
-            QuotaError: with it, the owner's surveys would hold more cells than its key allows.
-            UnauthorizedError: the owner's key was revoked.
+        Returns
+        -------
+        JobRow
+            Row of the survey.
+
+        Raises
+        ------
+        ConflictError
+            The key was used for another body.
+        QueueFullError
+            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+        QuotaError
+            With it, the owner's surveys would hold more cells than its key allows.
+        UnauthorizedError
+            The owner's key was revoked.
         """
         with self._write() as (session, service):
             known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
@@ -75,26 +97,41 @@ class Surveys(Transactions):
         self._on_change(job.id)
         return job
 
-    def job(self, survey_id: str, kind: Kind | None = None) -> JobRow:
-        """The survey or population with this id; UnknownSurveyError if there is none, or it is not of this kind."""
+    def job(self, survey_id: str, kind: JobKind | None = None) -> JobRow:
+        """Return the survey or population with this id.
+
+        UnknownSurveyError if there is none, or it is not of this kind.
+
+        Returns
+        -------
+        JobRow
+            Row of the job.
+
+        Raises
+        ------
+        UnknownSurveyError
+            If there is none, or it is not of this kind.
+        """
         with self._read() as session:
             job = _find(session, survey_id)
         if kind not in (None, job.kind):
             raise UnknownSurveyError(survey_id)
         return job
 
-    def jobs(self, limit: int, before: int | None = None, kind: Kind = Kind.SURVEY) -> tuple[Sequence[JobRow], int]:
+    def jobs(
+        self, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
+    ) -> tuple[Sequence[JobRow], int]:
         """Surveys, newest first, from those with a number below ``before``; and how many there are in all."""
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
         with self._read() as session:
-            counted = ServiceRow.surveys if kind == Kind.SURVEY else ServiceRow.populations
+            counted = ServiceRow.surveys if kind == JobKind.SURVEY else ServiceRow.populations
             total = session.scalars(select(counted)).one()
             return session.scalars(newest_first).all(), total
 
     def known(self, survey_ids: Collection[str]) -> set[str]:
-        """Those of the ids that are surveys."""
+        """Return those of the ids that are surveys."""
         ids, found = sorted(survey_ids), set[str]()
         with self._read() as session:
             for start in range(0, len(ids), CHUNK):
@@ -102,7 +139,7 @@ class Surveys(Transactions):
         return found
 
     def active(self) -> list[Active]:
-        """The surveys that wait or run, or were interrupted, oldest first."""
+        """Return the surveys that wait or run, or were interrupted, oldest first."""
         left = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
@@ -139,6 +176,7 @@ class Surveys(Transactions):
             return {State(state): (count, int(tiles), int(done)) for state, count, tiles, done in found}
 
     def count(self, state: State) -> int:
+        """Return the number of jobs in a state."""
         with self._read() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
@@ -150,9 +188,9 @@ class Surveys(Transactions):
                 return False
             job.state, job.message = state, _storable(message)
             if state == State.RUNNING and job.started is None:
-                job.started = now()
+                job.started = timestamp()
             if state.final:
-                job.finished = now()
+                job.finished = timestamp()
             _add_state_event(session, job)
         self._on_change(survey_id)
         return True
@@ -169,12 +207,22 @@ class Surveys(Transactions):
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended wait again; its tiles stay noted.
 
-        Args:
-            owner: id of the API key that asks, whose quotas count; None without a key.
+        Parameters
+        ----------
+        owner : str | None
+            Id of the API key that asks, whose quotas count; None without a key.
 
-        Raises:
-            ConflictError: it waits or runs, or is being deleted.
-            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+        Returns
+        -------
+        JobRow
+            Row of the survey.
+
+        Raises
+        ------
+        ConflictError
+            It waits or runs, or is being deleted.
+        QueueFullError
+            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         """
         with self._write() as (session, _):
             job = _find(session, survey_id)
@@ -203,12 +251,12 @@ class Surveys(Transactions):
         self._on_change(survey_id)
 
     def tiles_done(self, survey_id: str) -> set[int]:
-        """Indices of the tiles that have been noted as written."""
+        """Return the indices of the tiles that have been noted as written."""
         with self._read() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
     def has_tile(self, survey_id: str, index: int) -> bool:
-        """Whether this tile has been noted as written."""
+        """Return whether this tile has been noted as written."""
         with self._read() as session:
             return session.get(TileRow, (_number(session, survey_id), index)) is not None
 
@@ -219,9 +267,14 @@ class Surveys(Transactions):
             return session.scalar(total) or 0.0
 
     def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
-        """Forget every tile that is not in ``kept``: its chunks have been lost. Returns how many those are.
+        """Forget every tile that is not in ``kept``: its chunks have been lost.
 
-        Who watches is told before the counts fall.
+        Subscribers are notified before the counts fall.
+
+        Returns
+        -------
+        int
+            Number of forgotten tiles.
         """
         with self._write() as (session, _):
             number = _number(session, survey_id)
@@ -242,7 +295,7 @@ class Surveys(Transactions):
         return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
-        """The first failed cells of a survey: indices and message."""
+        """Return the first failed cells of a survey: indices and message."""
         with self._read() as session:
             has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
             failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
@@ -251,7 +304,7 @@ class Surveys(Transactions):
                 return list(islice(chain.from_iterable(tiles), limit))
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
-        """The events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
+        """Return the events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
         with self._read() as session:
             number = _number(session, survey_id)
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
@@ -260,8 +313,10 @@ class Surveys(Transactions):
     def begin_deletion(self, survey_id: str) -> None:
         """Dismiss a survey that has ended, because its store is about to go.
 
-        Raises:
-            ConflictError: it has not ended.
+        Raises
+        ------
+        ConflictError
+            It has not ended.
         """
         with self._write() as (session, _):
             job = _find_ended(session, survey_id)
@@ -278,8 +333,10 @@ class Surveys(Transactions):
     def delete(self, survey_id: str) -> None:
         """Remove a survey that has ended, with its tiles and events.
 
-        Raises:
-            ConflictError: it has not ended.
+        Raises
+        ------
+        ConflictError
+            It has not ended.
         """
         with self._write() as (session, service):
             job = _find_ended(session, survey_id)
@@ -289,7 +346,7 @@ class Surveys(Transactions):
 
 
 def _count(service: ServiceRow, job: JobRow, more: int) -> None:
-    if job.kind == Kind.SURVEY:
+    if job.kind == JobKind.SURVEY:
         service.surveys += more
     else:
         service.populations += more
@@ -349,7 +406,7 @@ def _waits_for(job: JobRow) -> str:
 
 
 def _storable(value: str) -> str:
-    """The text without what PostgreSQL cannot hold: NUL, and surrogates without a partner."""
+    """Return the text without the characters that PostgreSQL cannot hold: NUL, and surrogates without a partner."""
     return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 

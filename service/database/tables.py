@@ -21,11 +21,12 @@ class State(StrEnum):
 
     @property
     def final(self) -> bool:
+        """True if the state does not change any more."""
         return self not in ACTIVE
 
 
-class Kind(StrEnum):
-    """What a job computes."""
+class JobKind(StrEnum):
+    """Kinds of jobs."""
 
     SURVEY = "survey"
     POPULATION = "population"
@@ -38,8 +39,8 @@ UNREADABLE = (
 IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
-def now(later: float = 0.0) -> str:
-    """The present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
+def timestamp(later: float = 0.0) -> str:
+    """Return the present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
     return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
 
@@ -68,11 +69,11 @@ class JobRow(Table):
     tiles_done: Mapped[int] = mapped_column(default=0)
     cells_failed: Mapped[int] = mapped_column(default=0)
     last_event: Mapped[int] = mapped_column(default=0)
-    created: Mapped[str] = mapped_column(default=now)
+    created: Mapped[str] = mapped_column(default=timestamp)
     started: Mapped[str | None]
     finished: Mapped[str | None]
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
-    kind: Mapped[str] = mapped_column(default=Kind.SURVEY)
+    kind: Mapped[str] = mapped_column(default=JobKind.SURVEY)
 
     # Without autoincrement SQLite hands the number of a deleted last row out again.
     __table_args__ = (
@@ -85,7 +86,7 @@ class JobRow(Table):
 
     @property
     def is_readable(self) -> bool:
-        """Whether the request is one; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
+        """True if the request is one; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
         return isinstance(self.request, dict)
 
     @property
@@ -136,7 +137,7 @@ class EventRow(Table):
     id: Mapped[int] = mapped_column(primary_key=True)
     kind: Mapped[str]
     data: Mapped[dict[str, Any]] = mapped_column(JSON)
-    at: Mapped[str] = mapped_column(default=now)
+    at: Mapped[str] = mapped_column(default=timestamp)
 
 
 class AnsweredRow(Table):
@@ -150,11 +151,11 @@ class AnsweredRow(Table):
     idempotency_key: Mapped[str] = mapped_column(primary_key=True)
     body_hash: Mapped[str]
     job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), index=True)
-    at: Mapped[str] = mapped_column(default=now)
+    at: Mapped[str] = mapped_column(default=timestamp)
 
 
 class Scope(StrEnum):
-    """What a key allows."""
+    """Permissions of a key."""
 
     READ = "read"
     SUBMIT = "submit"
@@ -171,7 +172,7 @@ class KeyRow(Table):
     scopes: Mapped[list[str]] = mapped_column(JSON)
     max_cells: Mapped[int | None]
     max_running: Mapped[int | None]
-    created: Mapped[str] = mapped_column(default=now)
+    created: Mapped[str] = mapped_column(default=timestamp)
     revoked: Mapped[str | None]
 
 
@@ -182,7 +183,7 @@ class SessionRow(Table):
 
     hash: Mapped[str] = mapped_column(primary_key=True)
     key: Mapped[str] = mapped_column(ForeignKey("keys.id", ondelete="CASCADE"), index=True)
-    created: Mapped[str] = mapped_column(default=now)
+    created: Mapped[str] = mapped_column(default=timestamp)
     expires: Mapped[str]
 
 

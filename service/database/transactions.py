@@ -1,4 +1,4 @@
-"""What every room of the database is built on: reading and writing transactions."""
+"""Reading and writing transactions, on which every room of the database is built."""
 
 from __future__ import annotations
 
@@ -22,10 +22,14 @@ TAKEN = (
 class Transactions:
     """Transactions of one database.
 
-    Args:
-        engine: the open database.
-        on_change: called with the id of a survey after each commit that added an event to it.
-        require: called before each transaction; what it raises is raised.
+    Parameters
+    ----------
+    engine
+        The open database.
+    on_change
+        Called with the id of a survey after each commit that added an event to it.
+    require
+        Called before each transaction; what it raises is raised.
     """
 
     def __init__(
@@ -50,10 +54,17 @@ class Transactions:
 
     @contextmanager
     def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
-        """A transaction that no other writer overlaps, so that it may decide by what it reads.
+        """Yield a transaction that no other writer overlaps, so that it may decide by the rows that it reads.
 
-        Raises:
-            UnavailableError: another service has taken the database since this one did, or writers before take long.
+        Yields
+        ------
+        tuple[Session, ServiceRow]
+            The session, and the row of the service.
+
+        Raises
+        ------
+        UnavailableError
+            Another service has taken the database since this one did, or writers before take long.
         """
         self._require()
         with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():

@@ -8,5 +8,5 @@ ASSETS = Path(__file__).parent / "assets"
 
 @cache
 def asset(name: str) -> str:
-    """The text of one of them."""
+    """Return the text of one of them."""
     return (ASSETS / name).read_text()

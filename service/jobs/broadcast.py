@@ -36,7 +36,7 @@ class Written:
     last: bool
 
 
-def written(rows: Sequence[EventRow]) -> list[Written]:
+def written_event(rows: Sequence[EventRow]) -> list[Written]:
     """Events of the database as they are sent."""
     return [
         Written(
@@ -67,13 +67,14 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def after(self, seen: int) -> list[Written] | None:
-        """The events that follow number `seen`, as far as they are known; None if they are no longer kept."""
+        """Return the events that follow number `seen`, as far as they are known; None if they are no longer kept."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
         return self._recent[seen + 1 - first :] if seen + 1 >= first else None
 
     def close(self) -> None:
+        """Stop publishing."""
         self._task.cancel()
 
     async def _keep_up(self) -> None:
@@ -93,7 +94,7 @@ class Feed:
                 if rows:
                     self._stale.set()  # perhaps more than one read gives
                     self._last = rows[-1].id
-                    self._recent = (self._recent + written(rows))[-KEPT:]
+                    self._recent = (self._recent + written_event(rows))[-KEPT:]
             if self.deleted or rows:
                 # Some at a time: between them, what else has arrived is answered.
                 listeners = tuple(self.listeners)
@@ -134,12 +135,21 @@ class Broadcast:
 
     @contextmanager
     def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:
-        """The feed of a survey, and an event that is set whenever the feed has grown; the listener clears it.
+        """Yield the feed of a survey, and an event that is set whenever the feed has grown; the listener clears it.
 
-        Args:
-            survey_id: which survey.
-            read: the events of a survey that follow a number, from the database.
-            last: number of an event that has happened.
+        Parameters
+        ----------
+        survey_id : str
+            Which survey.
+        read : Read
+            The events of a survey that follow a number, from the database.
+        last : int
+            Number of an event that has happened.
+
+        Yields
+        ------
+        tuple[Feed, asyncio.Event]
+            The feed, and the event.
         """
         listener = asyncio.Event()
         with self._lock:

@@ -7,16 +7,19 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from gear_rattle.service.jobs.directory import SURVEY_STORE, DataDirectory, Entry
+from gear_rattle.service.jobs.directory import SURVEY_STORE, DataDirectory, StoreEntry
 from gear_rattle.workers import Bucket
 
 
 class BucketDirectory(DataDirectory):
-    """Where a service keeps its jobs, and the prefix of a bucket where it keeps the stores.
+    """Directory of a service's jobs, and the prefix of a bucket with its stores.
 
-    Args:
-        path: the data directory.
-        url: ``s3://BUCKET/PREFIX``, of this service alone.
+    Parameters
+    ----------
+    path
+        The data directory.
+    url
+        ``s3://BUCKET/PREFIX``, of this service alone.
     """
 
     def __init__(self, path: Path, url: str) -> None:
@@ -30,31 +33,35 @@ class BucketDirectory(DataDirectory):
 
     @contextmanager
     def locked(self) -> Iterator[None]:
+        """Hold the lock of the directory; raise at once if the bucket is not there."""
         with super().locked():
             self._root.children()  # a bucket that is not there is said now
             yield
 
     def store(self, survey_id: str) -> Bucket:
+        """Return the store of a survey."""
         return self._bucket(survey_id)
 
     def remove_store(self, survey_id: str) -> None:
+        """Delete the store of a survey."""
         self.store(survey_id).delete()
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[StoreEntry]:
+        """Return the entries among the stores, by name."""
         return sorted(self._entries(), key=lambda entry: entry.name)
 
-    def _entries(self) -> Iterator[Entry]:
+    def _entries(self) -> Iterator[StoreEntry]:
         for name in self._root.children():
             if match := SURVEY_STORE.fullmatch(name):
                 store = self.store(match["survey"])
-                yield Entry(f"{self._root}/{name}", match["survey"], store.deletion_begun(), False, store.delete)
+                yield StoreEntry(f"{self._root}/{name}", match["survey"], store.deletion_begun(), False, store.delete)
             else:
-                yield Entry(f"{self._root}/{name}", "", False, False, lambda: None)
+                yield StoreEntry(f"{self._root}/{name}", "", False, False, lambda: None)
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Nothing: an object is put whole or not at all."""
 
 
 def open_directory(path: Path, stores: str | None) -> DataDirectory:
-    """The data directory of a service, with its stores in it, or at a URL."""
+    """Return the data directory of a service, with its stores in it, or at a URL."""
     return BucketDirectory(path, stores) if stores else DataDirectory(path)

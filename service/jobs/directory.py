@@ -38,8 +38,8 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 
 
 @dataclass(frozen=True)
-class Entry:
-    """What stands among the stores; ``survey_id`` is empty if its name is none of ours."""
+class StoreEntry:
+    """Entry among the stores; ``survey_id`` is empty if its name is none of ours."""
 
     name: str
     survey_id: str
@@ -48,7 +48,9 @@ class Entry:
     remove: Callable[[], None]
 
     @classmethod
-    def of(cls, path: Path) -> Entry:
+    def of(cls, path: Path) -> StoreEntry:
+        """Return the entry at a path."""
+
         def remove() -> None:
             shutil.rmtree(path, ignore_errors=True)
 
@@ -59,10 +61,12 @@ class Entry:
 
 
 class DataDirectory:
-    """Where one server keeps everything it must find again.
+    """Directory with everything that one server must find again.
 
-    Args:
-        path: the directory; created by :meth:`locked` if absent.
+    Parameters
+    ----------
+    path
+        The directory; created by :meth:`locked` if absent.
     """
 
     def __init__(self, path: Path) -> None:
@@ -72,18 +76,26 @@ class DataDirectory:
 
     @property
     def database_url(self) -> URL:
+        """Address of the job database."""
         return URL.create("sqlite", database=str(self._database))
 
     @property
     def has_database(self) -> bool:
-        """Whether a service, or a key for one, has been here."""
+        """True if a service, or a key for one, has been here."""
         return self._database.exists()
 
     def store(self, survey_id: str) -> Path | Bucket:
-        """Place of a survey's zarr store, whether it exists or not.
+        """Return the place of a survey's zarr store, whether it exists or not.
 
-        Raises:
-            DirectoryAwayError: the directory is not there, so that nothing can be said of its stores.
+        Returns
+        -------
+        Path | Bucket
+            The place.
+
+        Raises
+        ------
+        DirectoryAwayError
+            The directory is not there, so that nothing can be said of its stores.
         """
         self.require()
         return self._path_of(survey_id)
@@ -95,8 +107,10 @@ class DataDirectory:
     def locked(self) -> Iterator[None]:
         """Hold the directory. The lock belongs to the process and ends with it, even by SIGKILL.
 
-        Raises:
-            DataDirectoryError: the directory cannot be used, or another server holds it.
+        Raises
+        ------
+        DataDirectoryError
+            The directory cannot be used, or another server holds it.
         """
         try:
             self._stores.mkdir(parents=True, exist_ok=True)
@@ -115,11 +129,15 @@ class DataDirectory:
     def identify(self, known: str | None = None) -> None:
         """Know this directory again. Whoever calls holds it.
 
-        Args:
-            known: identity of the directory that the job database knows, if it is elsewhere and knows one.
+        Parameters
+        ----------
+        known : str | None
+            Identity of the directory that the job database knows, if it is elsewhere and knows one.
 
-        Raises:
-            DataDirectoryError: this is another directory, or it cannot be written to.
+        Raises
+        ------
+        DataDirectoryError
+            This is another directory, or it cannot be written to.
         """
         try:
             self.identity = self._found()
@@ -152,8 +170,9 @@ class DataDirectory:
             return ""
 
     def remove_store(self, survey_id: str) -> None:
-        """Delete a store, after the certificates beside it. It disappears at once: a crash in the middle leaves no half
-        of it under its name.
+        """Delete a store, after the certificates beside it.
+
+        It disappears at once: a crash in the middle leaves no half of it under its name.
         """
         shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
         trash = self._stores / f"{TRASH}{survey_id}"
@@ -163,9 +182,9 @@ class DataDirectory:
             return
         shutil.rmtree(trash, ignore_errors=True)
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[StoreEntry]:
         """Everything that stands among the stores, the stores of surveys included."""
-        return [Entry.of(path) for path in sorted(self._stores.iterdir())]
+        return [StoreEntry.of(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Remove the files that killed writers left in a store, if it is that survey's; nobody may be writing to it."""

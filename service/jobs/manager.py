@@ -59,13 +59,19 @@ log = logging.getLogger(__name__)
 class JobManager:
     """Runs accepted surveys, one at a time by turns, and resumes those that an earlier process left unfinished.
 
-    Args:
-        database: the truth about the surveys.
-        directory: where their stores are.
-        cluster: opens the dask cluster, unless what it is given says that it shall not any more; called again whenever
-            it was lost.
-        on_tile: told of every tile that has been written.
-        turns: whose turn comes next, and when.
+    Parameters
+    ----------
+    database
+        The truth about the surveys.
+    directory
+        Where their stores are.
+    cluster
+        Opens the dask cluster, unless its argument says that start-up was cancelled; called again whenever the
+        cluster was lost.
+    on_tile
+        Told of every tile that has been written.
+    turns
+        Whose turn comes next, and when.
     """
 
     def __init__(
@@ -95,6 +101,7 @@ class JobManager:
         self.storage_state = OK
 
     def start(self) -> None:
+        """Start the thread."""
         self._thread.start()
 
     def ask_to_stop(self) -> None:
@@ -114,13 +121,19 @@ class JobManager:
     def dismiss_or_delete(self, survey_id: str) -> JobRow | None:
         """Dismiss a survey that waits or runs, delete one that has ended.
 
-        Returns:
+        Returns
+        -------
+        JobRow | None
             The dismissed survey, or None after a deletion.
 
-        Raises:
-            UnknownSurveyError: there is no such survey.
-            ConflictError: it was dismissed, but tiles of it have been computed for long since; or it runs again.
-            DirectoryAwayError: it cannot be deleted where it is not.
+        Raises
+        ------
+        UnknownSurveyError
+            There is no such survey.
+        ConflictError
+            It was dismissed, but tiles of it have been computed for long since; or it runs again.
+        DirectoryAwayError
+            It cannot be deleted where it is not.
         """
         self._database.job(survey_id)
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
@@ -143,10 +156,19 @@ class JobManager:
     def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended, or was dismissed, run again over the tiles that are damaged or missing.
 
-        Raises:
-            UnknownSurveyError: there is no such survey.
-            ConflictError: it waits or runs, is being deleted, or is a successful one of another version.
-            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
+        Returns
+        -------
+        JobRow
+            Row of the survey.
+
+        Raises
+        ------
+        UnknownSurveyError
+            There is no such survey.
+        ConflictError
+            It waits or runs, is being deleted, or is a successful one of another version.
+        QueueFullError
+            ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         """
         job = self._database.job(survey_id)
         if not job.is_readable:
@@ -319,7 +341,7 @@ class JobManager:
     def _prepared(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """The tiles that are missing of a survey, by their index, and whether some that were there are lost."""
+        """Return the missing tiles of a survey, by their index, and whether some that were there are lost."""
 
         # Curves take minutes in some windows: nothing is computed in this process.
         def template(request: AnyRequest, created: str | None) -> Template:
@@ -334,7 +356,7 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
-        """Whether the survey at work makes room for another one."""
+        """Return whether the survey at work makes room for another one."""
         if not self._turns.is_used_up:
             return False
         following = self._turns.next(self._database.active())
@@ -346,7 +368,7 @@ class JobManager:
         return True
 
     def _telling(self, survey_id: str) -> Callable[[int, int], None]:
-        """What tells of attractors that are proved, at each per cent of them."""
+        """Return a function that notes the number of proved attractors, at each per cent of them."""
         shown = -1
 
         def tell(done: int, number: int) -> None:
@@ -375,10 +397,19 @@ class JobManager:
 
     @contextmanager
     def lent_client(self) -> Iterator[Client]:
-        """The client of the cluster for other threads, whose tasks run beside the tiles of surveys.
+        """Yield the client of the cluster for other threads, whose tasks run beside the tiles of surveys.
 
-        Raises:
-            UnavailableError: the cluster is not there.
+        Yields
+        ------
+        Client
+            The client.
+
+        Raises
+        ------
+        UnavailableError
+            The cluster is not there.
+        ClusterLostError
+            If there is no cluster.
         """
         if (client := self._client) is None:
             raise UnavailableError(f"The workers cannot be used now (they are {self.cluster_state}). Try again soon.")

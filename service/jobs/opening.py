@@ -15,15 +15,25 @@ from gear_rattle.service.settings import Settings
 def opened(
     settings: Settings, on_change: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[DataDirectory, Database]]:
-    """The data directory and the job database, held against every other service.
+    """Yield the data directory and the job database, held against every other service.
 
-    Args:
-        settings: of the service.
-        on_change: called with the id of a survey after each commit that added an event to it.
+    Parameters
+    ----------
+    settings : Settings
+        Of the service.
+    on_change : Callable[[str], None]
+        Called with the id of a survey after each commit that added an event to it.
 
-    Raises:
-        DataDirectoryError: one of them cannot be used, or another service holds it, or the database knows another
-            directory than this one: its disk may not be mounted.
+    Yields
+    ------
+    tuple[DataDirectory, Database]
+        Directory and database.
+
+    Raises
+    ------
+    DataDirectoryError
+        One of them cannot be used, or another service holds it, or the database knows another directory than this one:
+        its disk may not be mounted.
     """
     directory = open_directory(settings.data, settings.store)
     inside = settings.database_url is None

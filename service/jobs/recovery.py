@@ -1,4 +1,4 @@
-"""What a service does before it begins: it clears away what an earlier one left half done, and nothing else."""
+"""Recover before a service begins: it clears away the half-done work of an earlier one, and nothing else."""
 
 from __future__ import annotations
 

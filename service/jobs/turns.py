@@ -14,7 +14,7 @@ TURN_SECONDS = 3.0  # then the tasks at work end, within two seconds unless one 
 
 @dataclass
 class _Standing:
-    """Of an API key: number of its last turn, and whether the next one is for what has least left."""
+    """Turns of an API key: number of its last turn, and whether the next one is for the survey with least left."""
 
     last: int = 0
     smallest: bool = True
@@ -23,13 +23,15 @@ class _Standing:
 class Turns:
     """The order of the surveys that wait or run. Belongs to one thread; a new process begins a new order.
 
-    Keys have turns one after the other. Of a key's surveys every other turn is for the one with the fewest cells left,
-    the others for the one that has waited for most turns: so the smallest is never behind more than two turns of its
-    key, and none waits for ever, whatever else is submitted. One without cells left counts as the largest: how long its
-    bound or its certificates still take, cells do not tell.
+    Keys have turns one after the other. Each key alternates between its survey with the fewest remaining cells and its
+    survey that has waited for most turns: so the smallest waits for at most two turns of its key, and every survey gets
+    its turn, whatever else is submitted. A survey without remaining cells counts as the largest: the time of its bound
+    or its certificates does not follow from cells.
 
-    Args:
-        clock: seconds.
+    Parameters
+    ----------
+    clock
+        Seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -40,7 +42,7 @@ class Turns:
         self._began = 0.0
 
     def next(self, active: Sequence[Active]) -> Active | None:
-        """The survey whose turn comes next, of all that wait or run, in the order of their numbers."""
+        """Return the survey whose turn comes next, of all that wait or run, in the order of their numbers."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:
@@ -52,7 +54,7 @@ class Turns:
         return min(mine, key=lambda each: self._waits_since[each.id])
 
     def begin(self, survey: Active) -> None:
-        """It has this turn."""
+        """Begin a turn of a survey."""
         self._count += 1
         key = self._key(survey.owner)
         key.last, key.smallest = self._count, not key.smallest
@@ -61,7 +63,7 @@ class Turns:
 
     @property
     def is_used_up(self) -> bool:
-        """Whether another survey may come."""
+        """True if another survey may come."""
         return self._clock() - self._began >= TURN_SECONDS
 
     def _key(self, owner: str | None) -> _Standing:

@@ -42,6 +42,7 @@ class Context(logging.Filter):
     """Adds survey and request to a record."""
 
     def filter(self, record: logging.LogRecord) -> bool:
+        """Add the survey and the request to a record."""
         for name, variable in (("survey", _survey), ("request", current_request)):
             if not hasattr(record, name) and (value := variable.get()):
                 setattr(record, name, value)
@@ -49,19 +50,29 @@ class Context(logging.Filter):
 
 
 def printable(text: str) -> str:
-    """The text in one line: what cannot be printed, or ends a line, or turns it round, is written as Python does."""
+    """Return the text in one line.
+
+    What cannot be printed, or ends a line, or turns it round, is written as Python does.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
 class Printable(logging.Formatter):
-    """What both forms are built on."""
+    """Base of both formats."""
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of logging
+        """Return the traceback in printable characters."""
         return "\n".join(_traceback(*ei))
 
     def formatStack(self, stack_info: str) -> str:  # noqa: N802
+        """Return the stack in printable characters."""
         return "\n".join(f"  {printable(line)}" for line in stack_info.split("\n"))
 
 
@@ -76,15 +87,17 @@ def _traceback(
     return [f"  {printable(line)}" for line in lines]
 
 
-class Text(Printable):
+class TextFormatter(Printable):
     """A line for people: the message, then what it belongs to."""
 
     def format(self, record: logging.LogRecord) -> str:
+        """Return the record as text, without the text of another handler."""
         alone = copy(record)
         alone.exc_text = None  # as another handler may have written it
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
+        """Return the message with the survey, the request and the seconds."""
         names = ("survey", "request", "seconds")
         about = "".join(f" {n}={getattr(record, n)}" for n in names if hasattr(record, n))
         return printable(super().formatMessage(record).rstrip() + about)
@@ -93,7 +106,7 @@ class Text(Printable):
 def log_config(form: str) -> dict[str, Any]:
     """For `logging.config.dictConfig`: everything to stderr, as ``text`` or ``json``."""
     fields = "%(asctime)s %(levelname)s %(name)s %(message)s"
-    formatter = {"()": Text, "format": fields}
+    formatter = {"()": TextFormatter, "format": fields}
     if form == "json":
         names = {"asctime": "time", "levelname": "level", "name": "logger"}
         formatter = {

@@ -1,4 +1,4 @@
-"""What a service counts, for Prometheus. Each application has a registry of its own."""
+"""Count events of a service, for Prometheus. Each application has a registry of its own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 
 
 
 class Computing(Protocol):
-    """What computes."""
+    """Source of the numbers about computation."""
 
     def workers(self) -> int:
         """Threads of its cluster."""
@@ -67,7 +67,7 @@ class Metrics:
 
 
 class _Now(Collector):
-    """What is read at the time of a scrape: the counters that the job database keeps, and the cluster."""
+    """Values read at the time of a scrape: the counters that the job database keeps, and the cluster."""
 
     def __init__(self, database: Database, manager: Computing) -> None:
         self._database = database

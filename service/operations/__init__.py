@@ -1,1 +1,1 @@
-"""What may be asked for, whoever asks: routes and explorer."""
+"""Operations that routes and explorer share."""

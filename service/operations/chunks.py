@@ -1,4 +1,4 @@
-"""Which keys a store must have: of what is not computed yet there is none, and zarr takes that for fill values."""
+"""Decide which keys a store must have: a missing chunk means fill values to zarr."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:
-    """Whether the store of this survey, if it is whole, has this key. For a thread: reads the database."""
+    """Return whether the store of this survey, if it is whole, has this key. For a thread: reads the database."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
         manifest = _manifest(front.directory.store(survey_id), ended)
@@ -28,8 +28,21 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
 
 @lru_cache(maxsize=64)
 def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # to be kept apart by
-    """What does not change as long as there is the store, but that families and levels come at the end of a run. Raises
-    LookupError.
+    """Return the manifest of a store.
+
+    It does not change as long as there is the store, but that families and levels come at the end of a run.
+
+    Raises LookupError.
+
+    Returns
+    -------
+    Manifest
+        The manifest.
+
+    Raises
+    ------
+    LookupError
+        If the store has none.
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError

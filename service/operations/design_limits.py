@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers.pictures.look import Pair
@@ -25,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def limit_at(model: Model, delta: float, share: float) -> Limit:
-    """The limit at one damping; NaN where there is none."""
+    """Return the limit at one damping; NaN where there is none."""
     given = {"delta": delta, **model.numbers}
     fewest = math.ceil(4.0 * share / (1.0 - share))
     return design_limit(given, "epsilon", share, count=max(COUNT, fewest))
@@ -39,8 +38,17 @@ class DesignLimits:
         self._known: dict[Key, dict[float, Limit]] = {}
 
     async def along(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
-        """Dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first. Raises RattleError
-        where they cannot be computed.
+        """Yield dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first.
+
+        Yields
+        ------
+        tuple[Array, Array]
+            Dampings and limits.
+
+        Raises
+        ------
+        RattleError
+            Where they cannot be computed.
         """
         key = model, delta, share
         known = self._known.pop(key, {})
@@ -58,14 +66,14 @@ class DesignLimits:
             self._front,
             limit_at,
             *(model, delta, share),
-            needs=(model.name, Part.ATTRACTORS),
+            model=model.name,
             what="The design limit",
             advice="Use the command rattle limit.",
         )
 
 
 def coarse_first(delta: Pair) -> list[float]:
-    """The dampings across a window, both ends included, in an order in which they tell most."""
+    """Return the dampings across a window, both ends included, in an order in which they tell most."""
     values = np.linspace(*delta, VALUES)
     order = [0, VALUES - 1]
     step = VALUES - 1

@@ -13,7 +13,7 @@ STEPS, COUNT = 160, 32  # points of the parameter, and initial conditions
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """The values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
+    """Return the values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
@@ -23,8 +23,14 @@ def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None)
 def diagram_ends(
     gear: AnyGear, direction: str, either_way: float | None = None, to: Pair | None = None
 ) -> tuple[Pair, Pair]:
-    """The points (δ, ε) where the diagram begins and ends: through the point along "epsilon" or "delta", or from there
-    to another one.
+    """Return the points (δ, ε) where the diagram begins and ends.
+
+    Through the point along "epsilon" or "delta", or from there to another one.
+
+    Returns
+    -------
+    tuple[Pair, Pair]
+        Begin and end.
     """
     if to is not None:
         return (gear.delta, gear.epsilon), to

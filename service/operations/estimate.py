@@ -1,4 +1,4 @@
-"""What a survey will cost, from what others like it have cost here."""
+"""Estimate the cost of a survey, from the cost of similar ones here."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from itertools import islice
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
@@ -27,9 +26,10 @@ STRONG = WATCH / PERIODS  # damping above which every sample is watched for as l
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """Seconds that a survey will take on this service once it runs, and what that rests on; or the most that it will
-    take: if it is refined, and only the cost of a cell is known.
+class CostEstimate:
+    """Seconds that a survey will take on this service once it runs, and what that rests on.
+
+    Or the most that it will take: if it is refined, and only the cost of a cell is known.
     """
 
     seconds: float
@@ -38,12 +38,20 @@ class Estimate:
     is_most: bool = False
 
 
-async def estimate(front: Front, request: AnyRequest) -> Estimate:
-    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells. What a
-    population will cost: by nine of its gears.
+async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
+    """Estimate the cost of a survey: by the one most like it among the newest here, else by nine of its cells.
 
-    Raises:
-        UnavailableError: it has to be measured, and that takes too long or has to wait.
+    What a population will cost: by nine of its gears.
+
+    Returns
+    -------
+    Estimate
+        The estimate.
+
+    Raises
+    ------
+    UnavailableError
+        It has to be measured, and that takes too long or has to wait.
     """
     workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
     found = await run_in_threadpool(_by_others, front, request)
@@ -58,14 +66,14 @@ async def estimate(front: Front, request: AnyRequest) -> Estimate:
             front,
             cell_seconds,
             request,
-            needs=(request.model, Part.POINT),
+            model=request.model,
             what="The cost",
             advice="Ask for fewer initial conditions in a cell.",
         )
         basis = (
             f"measured now on {TRIED * TRIED} {'gears' if isinstance(request, PopulationRequest) else 'cells'} of it"
         )
-    return Estimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
+    return CostEstimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
 
 
 def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
@@ -81,7 +89,7 @@ def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
 
 
 def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
-    """The survey that computed the same for each cell, with the nearest number of initial conditions."""
+    """Return the survey that computed the same for each cell, with the nearest number of initial conditions."""
     wanted = {str(group) for group in request.quantities}
     like = [
         job
@@ -106,7 +114,7 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Whether it is the same model, with like numbers of those that it adds."""
+    """Return whether it is the same model, with like numbers of those that it adds."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -114,7 +122,15 @@ def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Whether samples are watched for about as long: in relaxation times where damping is weak, within the budget."""
+    """Return whether samples are watched for about as long.
+
+    In relaxation times where damping is weak, within the budget.
+
+    Returns
+    -------
+    bool
+        True if it is about as long.
+    """
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
@@ -133,7 +149,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """A few of its gears, as many of which are judged as of all."""
+    """Return a request for a few of its gears, as many of which are judged as of all."""
     gears = min(request.gears, TRIED * TRIED)
     judged = max(1, round(gears * request.plan.judging / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
@@ -147,7 +163,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """The middles of as many equal parts of an axis: cells at its ends stand for fewer than others do."""
+    """Return the middles of as many equal parts of an axis: cells at its ends stand for fewer than others do."""
     num = min(axis.num, TRIED)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

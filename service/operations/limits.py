@@ -1,4 +1,4 @@
-"""What may be asked of a survey, in one function."""
+"""Check the limits of a survey, in one function."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from rattle import MissingExtraError
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:
-    """Refuse a survey, or a population, that is larger than this service allows, or asks for proofs that it cannot
-    make. Costs nothing, whatever its size.
+    """Refuse a survey, or a population, that is larger than this service allows, or asks for impossible proofs.
 
-    Raises:
-        LimitError: names the field and the limit.
+    Costs nothing, whatever its size.
+
+    Raises
+    ------
+    LimitError
+        Names the field and the limit.
     """
     if isinstance(request, PopulationRequest):
         _check_population(request, settings)

@@ -38,9 +38,14 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """The notebook, nbformat 4.5, of a point or of the machine that it is, with the diagram between these ends.
+    """Return the notebook, nbformat 4.5, of a point or of the machine that it is, with the diagram between these ends.
 
     Its numbers are written so that they are read back the same to the last bit.
+
+    Returns
+    -------
+    dict[str, Any]
+        The notebook.
     """
     cells: list[dict[str, Any]] = [
         {"id": name, "cell_type": kind, "metadata": {}, "source": source.splitlines(keepends=True)}

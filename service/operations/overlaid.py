@@ -1,4 +1,4 @@
-"""What is drawn over maps and takes long to find, for the explorer and for pictures: found once for all who ask."""
+"""Find the drawings over maps that take long, for the explorer and for pictures: once for all requests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.operations.windows import Windows, inside, is_coarse
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
-from gear_rattle.workers.pictures.planes import numbers
+from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 from rattle.models import Model
 
@@ -23,8 +23,10 @@ Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Asked:
-    """The map of a survey whose picture is asked for; slice: of a third axis. share: the least P(quiet) of the design
-    limit; pixels: how finely a window is computed, None: not.
+    """The map of a survey whose picture is asked for.
+
+    Slice: of a third axis. share: the least P(quiet) of the design limit; pixels: how finely a window is computed,
+    None: not.
     """
 
     variable: str
@@ -37,13 +39,13 @@ class Asked:
 
 
 class Overlaid:
-    """Of one application."""
+    """Drawings over the maps of one application."""
 
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
     async def over(self, request: SurveyRequest, asked: Asked) -> Over:
-        """What is drawn over a map of a survey, or of a slice of one. Raises UnavailableError, ClusterLostError."""
+        """Return the drawings over a map of a survey, or of a slice. Raises UnavailableError, ClusterLostError."""
         lines = asked.look.lines or ()
         found: dict[str, Line] = {}
         band = None
@@ -78,16 +80,16 @@ class Overlaid:
             frame = await self.windows.finest(request, asked.variable, asked.index, window, pixels)
         except SurveyError:  # it lies outside the plane, or is too narrow: the page has the survey's cells there, too
             return None
-        return Finer(frame.delta, frame.epsilon, numbers(frame.values))
+        return Finer(frame.delta, frame.epsilon, drawn_numbers(frame.values))
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
-    """The line of a design limit (k, 2), NaN where there is none, from `DesignLimits.along`."""
+    """Return the line of a design limit (k, 2), NaN where there is none, from `DesignLimits.along`."""
     return np.column_stack([np.where(np.isnan(limits[0]), np.nan, delta), limits[0]])
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Where its interval is known: dampings, its lower and its upper ends."""
+    """Return the dampings of a known interval, with its lower and its upper ends."""
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

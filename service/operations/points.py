@@ -29,7 +29,7 @@ def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
                     "delta": point.delta,
                     "epsilon": point.epsilon,
                     "curves": point.curves,
-                    "tangency": [{"curves": pair, "order": number(p)} for pair, p in point.tangency.items()],
+                    "tangency": [{"curves": pair, "order": json_number(p)} for pair, p in point.tangency.items()],
                 }
                 for point in model.codimension_two()
             ],
@@ -57,7 +57,7 @@ def _points(curve: Curve) -> dict[str, Any]:
 
 
 def orbits_document(gear: AnyGear) -> dict[str, Any]:
-    """What the body of `GET /v1/orbits` says of a point, by its gear."""
+    """Return the body of `GET /v1/orbits` for a point, by its gear."""
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         limits = model_at(gear).limits(gear.delta)
         region, orbits = gear.region(), gear.orbits()
@@ -74,8 +74,8 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
                 "m": orbit.m,
                 "n_plus": orbit.n_plus,
                 "n_minus": orbit.n_minus,
-                "tau": number(orbit.tau),
-                "v": number(orbit.v),
+                "tau": json_number(orbit.tau),
+                "v": json_number(orbit.v),
                 "multipliers": [_complex(value) for value in orbit.multipliers],
                 "stable": orbit.stable,
             }
@@ -87,18 +87,18 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
 def intensities(
     gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
 ) -> list[tuple[Attractor, Intensity]]:
-    """The attractors of a point, and how hard each rattles."""
+    """Return the attractors of a point, and how hard each rattles."""
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 
 def _limit(value: float | None) -> float | None:
-    return None if value is None else number(value)
+    return None if value is None else json_number(value)
 
 
 def _complex(value: complex) -> dict[str, float | None]:
-    return {"re": number(value.real), "im": number(value.imag)}
+    return {"re": json_number(value.real), "im": json_number(value.imag)}
 
 
-def number(value: float) -> float | None:
+def json_number(value: float) -> float | None:
     """JSON has neither NaN nor infinity; both occur where something overflows at extreme parameters."""
     return float(value) if math.isfinite(value) else None

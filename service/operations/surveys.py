@@ -1,4 +1,4 @@
-"""What may be done to surveys, whoever asks: the routes and the explorer do it here."""
+"""Operations on surveys, which the routes and the explorer share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database import NewJob
-from gear_rattle.service.database.tables import UNREADABLE, JobRow, Kind, State
+from gear_rattle.service.database.tables import UNREADABLE, JobKind, JobRow, State
 from gear_rattle.service.errors import ForbiddenError
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.state import Front
@@ -29,7 +29,7 @@ Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
 
 
 class Description(Strict):
-    """What a survey is called, and notes about it; what is left out stays."""
+    """Name and notes of a survey; fields that are left out stay."""
 
     name: Name | None = None
     notes: Notes | None = None
@@ -40,10 +40,19 @@ def submit_survey(
 ) -> JobRow:
     """Accept a survey, or a population, or find the one that is the same.
 
-    Raises:
-        LimitError: it is larger than this service allows.
-        DirectoryAwayError: there is no place for its store.
-        ConflictError, QueueFullError, QuotaError, UnauthorizedError: as `gear_rattle.service.database.Surveys.accept`.
+    Returns
+    -------
+    JobRow
+        Row of the survey.
+
+    Raises
+    ------
+    LimitError
+        It is larger than this service allows.
+    DirectoryAwayError
+        There is no place for its store.
+    ConflictError, QueueFullError, QuotaError, UnauthorizedError
+        As `gear_rattle.service.database.Surveys.accept`.
     """
     check_limits(request, front.settings)
     front.directory.require()
@@ -57,7 +66,7 @@ def submit_survey(
             n_tiles=request.n_tiles,
             idempotency_key=idempotency_key,
             owner=caller.owner,
-            kind=Kind.POPULATION if isinstance(request, PopulationRequest) else Kind.SURVEY,
+            kind=JobKind.POPULATION if isinstance(request, PopulationRequest) else JobKind.SURVEY,
         ),
         front.settings.max_jobs,
         None if force else lambda survey_id: front.directory.store(survey_id).exists(),
@@ -66,13 +75,22 @@ def submit_survey(
     return job
 
 
-def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow | None:
+def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
     """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
 
-    Raises:
-        UnknownSurveyError: there is no such survey.
-        ForbiddenError: it was submitted with another key.
-        ConflictError: its last tiles still run.
+    Returns
+    -------
+    JobRow | None
+        Row of a dismissed survey, or None.
+
+    Raises
+    ------
+    UnknownSurveyError
+        There is no such survey.
+    ForbiddenError
+        It was submitted with another key.
+    ConflictError
+        Its last tiles still run.
     """
     require_owner(front, caller, survey_id, kind)
     if not front.database.job(survey_id).is_readable:  # it is shown as one that has ended
@@ -83,27 +101,44 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
 def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
     """Give a survey another name or other notes. What it computes, and its store, stay.
 
-    Raises:
-        UnknownSurveyError: there is no such survey.
-        ForbiddenError: it was submitted with another key.
+    Returns
+    -------
+    JobRow
+        Row of the survey.
+
+    Raises
+    ------
+    UnknownSurveyError
+        There is no such survey.
+    ForbiddenError
+        It was submitted with another key.
     """
     require_owner(front, caller, survey_id)
     return front.database.describe(survey_id, given.name, given.notes)
 
 
-def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow:
+def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
     """Let a survey that has ended, or was dismissed, go on: what is damaged or missing of it is computed.
 
-    Raises:
-        UnknownSurveyError: there is no such survey.
-        ForbiddenError: it was submitted with another key.
-        ConflictError, QueueFullError: as `gear_rattle.service.jobs.manager.JobManager.verify`.
+    Returns
+    -------
+    JobRow
+        Row of the survey.
+
+    Raises
+    ------
+    UnknownSurveyError
+        There is no such survey.
+    ForbiddenError
+        It was submitted with another key.
+    ConflictError, QueueFullError
+        As `gear_rattle.service.jobs.manager.JobManager.verify`.
     """
     require_owner(front, caller, survey_id, kind)
     return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
 
 
-def require_owner(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> None:
+def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
     """Raise ForbiddenError unless the caller submitted this survey."""
     if not caller.owns(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")

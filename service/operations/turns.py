@@ -9,7 +9,6 @@ import anyio
 from anyio import BrokenWorkerProcess, to_process
 
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.state import Front
 
 Result = TypeVar("Result")
@@ -20,22 +19,30 @@ async def in_turn(
     front: Front,
     compute: Callable[[*Arguments], Result],
     *arguments: *Arguments,
-    needs: tuple[str, Part],
+    model: str,
     what: str,
     advice: str,
 ) -> Result:
-    """What `compute` returns for these arguments, all of which can be pickled.
+    """Return the result of `compute` for these arguments, all of which can be pickled.
 
     In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
-    extreme parameters it takes minutes. Its time is counted from when the kernels that it `needs` are there.
+    extreme parameters it takes minutes. Its time is counted from when the kernels of the `model` are there.
 
-    Raises:
-        KernelsError: they are still being compiled.
-        UnavailableError: too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
+    Returns
+    -------
+    Result
+        The result.
+
+    Raises
+    ------
+    KernelsError
+        They are still being compiled.
+    UnavailableError
+        Too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
     """
     limits = front.settings
     with front.interruptible():
-        await front.kernels.require(*needs)
+        await front.kernels.require(model)
     if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
         raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
     try:

@@ -1,4 +1,5 @@
 """A window that shows more than its survey has, computed afresh on the workers of the service, finer block by block.
+
 The newest are kept for who takes a picture of them.
 """
 
@@ -16,7 +17,7 @@ import numpy as np
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.state import Front
-from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
+from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined_frames, window_survey
 from gear_rattle.workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2
@@ -28,12 +29,12 @@ Key = tuple[str, str, int, Window, tuple[int, int]]
 
 
 def inside(delta: Pair, epsilon: Pair) -> Window:
-    """That part of a window which is in the plane."""
+    """Return that part of a window which is in the plane."""
     return Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Whether cells of a survey are large on the screen, or the window shows more than the survey."""
+    """Return whether cells of a survey are large on the screen, or the window shows more than the survey."""
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
         if step / (high - low) * size > COARSEST:
@@ -51,8 +52,8 @@ class Windows:
     async def frames(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> AsyncGenerator[Frame, None]:
-        """The frames of `refine`, the last of which is kept."""
-        async with aclosing(refine(self._front, request, variable, index, window, pixels)) as frames:
+        """Yield the frames of `refine_window`, the last of which is kept."""
+        async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
                     self._keep(self._key(request, variable, index, window, pixels), frame)
@@ -61,7 +62,7 @@ class Windows:
     async def finest(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """The last of these frames, the same whether it is kept or computed. Raises as `refine`."""
+        """Return the last of these frames, the same whether it is kept or computed. Raises as `refine_window`."""
         found = self._kept.get(self._key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
@@ -81,7 +82,7 @@ class Windows:
             self._kept.popitem(last=False)
 
 
-async def refine(
+async def refine_window(
     front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
 ) -> AsyncGenerator[Frame, None]:
     """Compute a map of a window of the plane, about pixels (along δ, along ε) of it: frames ever finer.
@@ -90,10 +91,19 @@ async def refine(
     closed form come at once at full resolution. Who is slower than the workers gets the newest frame. Closing this
     (``aclose``, or cancelling the task) gives up what is not begun. Waits for its turn behind `Settings.max_windows`.
 
-    Raises:
-        SurveyError: there is no such map or window, or it cannot be computed.
-        ClusterLostError: the workers went away.
-        UnavailableError: they are not there, or too many windows wait already.
+    Yields
+    ------
+    Frame
+        Frames ever finer.
+
+    Raises
+    ------
+    SurveyError
+        There is no such map or window, or it cannot be computed.
+    ClusterLostError
+        The workers went away.
+    UnavailableError
+        They are not there, or too many windows wait already.
     """
     map_quantity(variable, index, request)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
@@ -129,7 +139,7 @@ class _Refinement:
         self._stopping.set()
 
     async def newest(self) -> Frame | None:
-        """The newest frame, or the next one; None after the last. Raises what the thread raised."""
+        """Return the newest frame, or the next one; None after the last. Raises what the thread raised."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):
@@ -145,7 +155,7 @@ class _Refinement:
         try:
             with (
                 front.manager.lent_client() as client,
-                closing(refined(client, survey, variable, index, self._stopping.is_set)) as frames,
+                closing(refined_frames(client, survey, variable, index, self._stopping.is_set)) as frames,
             ):
                 for frame in frames:
                     self._hand_over(frame)

@@ -1,4 +1,4 @@
-"""What is proved of a survey that was submitted with `certify`: a document, and the store of certificates."""
+"""Certificates of a survey that was submitted with `certify`: a document, and their store."""
 
 from __future__ import annotations
 
@@ -49,7 +49,10 @@ class Certificates(BaseModel):
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Of a survey that was submitted with `certify`. It grows once all tiles are computed."""
+    """Answer with the certificates of a survey that was submitted with `certify`.
+
+    They grow once all tiles are computed.
+    """
     job, out = _stored(front, survey_id)
     here = f"{path_of(survey_id)}/certificates"
     links = CertificateLinks(
@@ -75,7 +78,7 @@ async def read_certificates(
     key: Annotated[str, Path(description="of the store", examples=["zarr.json", CERTIFICATES])],
     request: Request,
 ) -> Response:
-    """The variables are there when all attractors are through, the lines of certificates as they are proved."""
+    """Return the variables are there when all attractors are through, the lines of certificates as they are proved."""
     job, out = await run_in_threadpool(_stored, front, survey_id)
     if not KEY.fullmatch(key):
         raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")

@@ -1,4 +1,4 @@
-"""What the service answers: the documents of a survey, and what those of a population have in common with them."""
+"""Documents of a survey, and their fields that those of a population share."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import Path
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.prefix import public_path
 
@@ -23,7 +23,7 @@ class Links(BaseModel):
 
 
 class Standing(BaseModel):
-    """Where a job stands."""
+    """Status of a job."""
 
     id: str
     name: str
@@ -49,7 +49,8 @@ class Survey(Standing):
 
     @classmethod
     def of(cls, job: JobRow) -> Survey:
-        return cls(**standing(job), notes=job.notes, links=_links(job))
+        """Return the document of a job."""
+        return cls(**status_fields(job), notes=job.notes, links=_links(job))
 
 
 class SurveyDetail(Survey):
@@ -60,8 +61,9 @@ class SurveyDetail(Survey):
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
+        """Return the document of a job with its failed cells."""
         asked = request_shown(job)
-        return cls(**standing(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
+        return cls(**status_fields(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
 
 
 class SurveyList(BaseModel):
@@ -77,13 +79,13 @@ SurveyId = Annotated[
 ]
 
 
-def path_of(survey_id: str, kind: Kind = Kind.SURVEY) -> str:
+def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
     """Path of a survey or a population, the parent of everything that belongs to it."""
-    return public_path(f"/v1/{'surveys' if kind == Kind.SURVEY else 'populations'}/{survey_id}")
+    return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 
 def request_shown(job: JobRow) -> dict[str, Any]:
-    """What was asked; nothing if the job database holds none that can be read."""
+    """Return the request; nothing if the job database holds none that can be read."""
     return job.request if job.is_readable else {}
 
 
@@ -93,8 +95,8 @@ def _links(job: JobRow) -> Links:
     return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png", certificates=asked)
 
 
-def standing(job: JobRow) -> dict[str, Any]:
-    """The fields of `Standing`."""
+def status_fields(job: JobRow) -> dict[str, Any]:
+    """Return the fields of `Standing`."""
     state, message = job.shown
     return {
         "id": job.id,

@@ -19,7 +19,7 @@ from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from gear_rattle.service.web.problems import declared
 from gear_rattle.workers import Bucket, open_survey
-from gear_rattle.workers.survey.values.schema import Form
+from gear_rattle.workers.survey.values.schema import RowForm
 from rattle import MissingExtraError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
@@ -28,7 +28,9 @@ NETCDF, CSV, PARQUET = "application/x-netcdf", "text/csv", "application/vnd.apac
 BLOCK = 1 << 18
 
 
-Formed = Annotated[Form, Query(description="what a row is: a cell, or one of its attractors or orbits, with its cell")]
+Formed = Annotated[
+    RowForm, Query(description="what a row is: a cell, or one of its attractors or orbits, with its cell")
+]
 
 
 def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
@@ -52,8 +54,8 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
     response_class=Response,
     responses={**_binary(PARQUET), **declared(404, 422)},
 )
-async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = Form.CELLS) -> Response:
-    """The attributes of the survey are the metadata of the file. Needs the extra `parquet`, else 404."""
+async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
+    """Return the attributes of the survey are the metadata of the file. Needs the extra `parquet`, else 404."""
     return await _file(request, front, survey_id, f"{form}.parquet", PARQUET, partial(_parquet, form=form))
 
 
@@ -63,9 +65,9 @@ async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form
     response_class=Response,
     responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
 )
-async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = Form.CELLS) -> Response:
+async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
     """Codes are written as numbers; a cell whose `status` is 0 is not computed yet."""
-    place, headers = await _of(front, survey_id, "csv" if form is Form.CELLS else f"{form}.csv")
+    place, headers = await _of(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     lines = await run_in_threadpool(_lines, place, form)
@@ -113,7 +115,7 @@ def _netcdf(place: Path | Bucket) -> IO[bytes]:
         return write_netcdf(dataset, open_groups(place))
 
 
-def _parquet(place: Path | Bucket, form: Form) -> IO[bytes]:
+def _parquet(place: Path | Bucket, form: RowForm) -> IO[bytes]:
     from gear_rattle.workers.storage.export import require_readable, table_names, write_parquet
 
     with open_survey(place, as_stored=True) as dataset:
@@ -130,7 +132,7 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
             yield block
 
 
-def _lines(place: Path | Bucket, form: Form) -> Iterator[str]:
+def _lines(place: Path | Bucket, form: RowForm) -> Iterator[str]:
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
 
     dataset = open_survey(place, as_stored=True)  # here, so that what is wrong is answered as a problem

@@ -1,4 +1,4 @@
-"""What happens to a survey, as server-sent events."""
+"""Events of a survey, as server-sent events."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from starlette.types import Receive, Scope, Send
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.access.revocation import Revocations
-from gear_rattle.service.database.tables import Kind, State
+from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
-from gear_rattle.service.jobs.broadcast import written
+from gear_rattle.service.jobs.broadcast import written_event
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
@@ -59,11 +59,11 @@ async def follow(
     ] = 0,
 ) -> Response:
     """Events `state` and `tile`, numbered from 1; the stream closes after the event of the final state."""
-    return await stream(front, caller, survey_id, Kind.SURVEY, last_event_id)
+    return await stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
 
 
-async def stream(front: Front, caller: Caller, survey_id: str, kind: Kind, last_event_id: int) -> Response:
-    """The events of a survey or a population."""
+async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
+    """Return the events of a survey or a population."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)
@@ -102,7 +102,7 @@ async def _events(front: Front, survey_id: str, seen: int, last: int, closing: a
                 grown.clear()
                 later = feed.after(seen)
                 if later is None:
-                    later = written(await run_in_threadpool(read, survey_id, seen))
+                    later = written_event(await run_in_threadpool(read, survey_id, seen))
                 if later:
                     seen = later[-1].id
                     yield b"".join(event.text for event in later)

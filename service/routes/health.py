@@ -1,4 +1,4 @@
-"""Whether the service can do its work."""
+"""Health: the service can do its work, or not."""
 
 from __future__ import annotations
 
@@ -78,8 +78,10 @@ def health(front: FrontState, request: Request) -> Health:
 
 @router.get("/ready", summary="Whether the service can do its work now")
 def ready(front: FrontState) -> Ready:
-    """Needs no key. 503 with Retry-After until kernels are compiled and workers are there, and while nothing can be
-    stored: for a load balancer, or a script that waits.
+    """Answer 200 once the service can work; needs no key.
+
+    503 with Retry-After until kernels are compiled and workers are there, and while nothing can be stored: for a load
+    balancer, or a script that waits.
     """
     if front.kernels.at_work:
         raise KernelsError

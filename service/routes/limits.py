@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
-from gear_rattle.service.operations.points import number
+from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import with_queries
 from gear_rattle.service.routes.model.machine import (
@@ -18,7 +17,7 @@ from gear_rattle.service.routes.model.machine import (
     ECCENTRICITY,
     INERTIA,
     LINE,
-    positive,
+    positive_query,
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
 from gear_rattle.service.state import FrontState
@@ -43,7 +42,7 @@ class LimitDocument(BaseModel):
     high: float | None
 
 
-class Limits(BaseModel):
+class LimitsDocument(BaseModel):
     """Until where gears run quietly with a probability of `share` at least."""
 
     of: Wanted
@@ -54,19 +53,19 @@ class Limits(BaseModel):
 
 @with_queries(ADDED_QUERIES)
 async def numbers_of_query(
-    delta: Annotated[float | None, positive("damping", 0.6)] = None,
-    epsilon: Annotated[float | None, positive("eccentricity", zero=True)] = None,
-    beta: Annotated[float | None, positive("half-backlash, by default 0.6")] = None,
-    inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, positive(DRAG)] = None,
-    backlash: Annotated[float | None, positive(LINE)] = None,
-    eccentricity: Annotated[float | None, positive(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, positive("m, of the base circle")] = None,
-    rpm: Annotated[float | None, positive("revolutions per minute")] = None,
+    delta: Annotated[float | None, positive_query("damping", 0.6)] = None,
+    epsilon: Annotated[float | None, positive_query("eccentricity", zero=True)] = None,
+    beta: Annotated[float | None, positive_query("half-backlash, by default 0.6")] = None,
+    inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
-    """The numbers of the query that are given."""
+    """Return the numbers of the query that are given."""
     numbers = {**locals(), **more}
     del numbers["more"]
     return {name: value for name, value in numbers.items() if value is not None}
@@ -90,14 +89,15 @@ async def limits(
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
         Query(max_length=MOST_VALUES, description="of that, each a parameter of its own"),
     ] = None,
-    low: Annotated[float | None, positive("least value that is looked at", zero=True)] = None,
-    high: Annotated[float | None, positive("largest value that is looked at")] = None,
+    low: Annotated[float | None, positive_query("least value that is looked at", zero=True)] = None,
+    high: Annotated[float | None, positive_query("largest value that is looked at")] = None,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
-) -> Limits:
-    """The largest eccentricity, backlash or speed, or the least damping or drag, at which and on whose safe side
-    everywhere a gear runs quietly with this probability. In metres and rpm of a machine.
+) -> LimitsDocument:
+    """Return the limit at which, and on whose safe side everywhere, a gear runs quietly with this probability.
+
+    It is the largest eccentricity, backlash or speed, or the least damping or drag. In metres and rpm of a machine.
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
@@ -107,12 +107,14 @@ async def limits(
         front,
         found_limits,
         *(given, of, share, over, values, between, count, seed, budget),
-        needs=(model_of_numbers(given).name, Part.ATTRACTORS),
+        model=model_of_numbers(given).name,
         what="The limits",
         advice="Ask for fewer initial conditions (count), fewer values, or use the command rattle limit.",
     )
     at: list[float | None] = [*values] if values else [None]
-    return Limits(of=of, share=share, count=count, limits=[_document(*each) for each in zip(at, found, strict=True)])
+    return LimitsDocument(
+        of=of, share=share, count=count, limits=[_document(*each) for each in zip(at, found, strict=True)]
+    )
 
 
 def found_limits(
@@ -126,7 +128,7 @@ def found_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """The limits that are asked for."""
+    """Return the limits that are asked for."""
     asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
         return [design_limit(given, of, share, **asked)]
@@ -134,4 +136,4 @@ def found_limits(
 
 
 def _document(at: float | None, found: Limit) -> LimitDocument:
-    return LimitDocument(at=at, **{name: number(value) for name, value in found._asdict().items()})
+    return LimitDocument(at=at, **{name: json_number(value) for name, value in found._asdict().items()})

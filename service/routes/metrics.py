@@ -18,5 +18,5 @@ router = APIRouter(prefix="/v1", tags=["service"])
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **declared()},
 )
 def metrics(front: FrontState) -> Response:
-    """Where keys are asked it needs one, of the scope read, like everything that tells of surveys."""
+    """Answer with the metrics. Where keys are needed, it needs one of the scope read."""
     return Response(front.metrics.exposition(), headers={"Content-Type": CONTENT_TYPE_LATEST})

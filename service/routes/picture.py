@@ -17,7 +17,6 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import LimitError, UnavailableError
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.notebook import PACKAGE
 from gear_rattle.service.operations.overlaid import Asked, Overlaid
 from gear_rattle.service.routes.documents import SurveyId
@@ -71,7 +70,7 @@ async def look_of_query(
         int | None, Query(ge=0, le=10**9, description="by its number: cells in which it is not are dimmed")
     ] = None,
 ) -> Look:
-    """The look of the query. Raises LimitError."""
+    """Return the look of the query. Raises LimitError."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose of {', '.join(LINES)}.")
@@ -133,7 +132,7 @@ async def asked_for(
     pixels_epsilon: Pixels = None,
     caption: Annotated[bool, Query(description="say below which survey it is, its address, and the version")] = False,
 ) -> Asked:
-    """The map of the query. Raises LimitError."""
+    """Return the map of the query. Raises LimitError."""
     pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
         raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")
@@ -199,16 +198,16 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
 
 
 async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Over:
-    """What is found before anything is drawn. Raises SurveyError, or UnavailableError."""
+    """Return the drawings that are found before anything is drawn. Raises SurveyError, or UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
-    await front.kernels.require(survey.gear_model.name, Part.CURVES, patience=math.inf)
+    await front.kernels.require(survey.gear_model.name, patience=math.inf)
     return await overlaid.over(survey, asked)
 
 
 async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
-    """What is found, unless whoever asked for it has left."""
+    """Return the drawings, unless the client has left."""
     task = asyncio.ensure_future(finding)
     try:
         while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:
@@ -225,7 +224,7 @@ def _caption(job: JobRow, address: str) -> str:
 
 def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
-    from gear_rattle.workers.pictures.levels import groups_of
+    from gear_rattle.workers.pictures.levels import levels_in_groups
     from gear_rattle.workers.pictures.maps import (
         map_picture,
     )  # matplotlib: a second for who asks first, not for every start
@@ -233,5 +232,5 @@ def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     opened = partial(open_survey, place)
     with_families = SHARE if asked.look.family is not None else asked.variable
     with open_maps(opened, with_families, asked.slice) as dataset:
-        levels = groups_of(opened, asked.slice, has_added(place, LEVELS))
+        levels = levels_in_groups(opened, asked.slice, has_added(place, LEVELS))
         return map_picture(dataset, asked.variable, asked.index, levels, asked.look, form, over)

@@ -1,4 +1,4 @@
-"""What the service answers: the documents of a population."""
+"""Documents of a population."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.database.tables import JobRow, Kind
-from gear_rattle.service.operations.points import number
-from gear_rattle.service.routes.documents import Standing, path_of, request_shown, standing
+from gear_rattle.service.database.tables import JobKind, JobRow
+from gear_rattle.service.operations.points import json_number
+from gear_rattle.service.routes.documents import Standing, path_of, request_shown, status_fields
 from rattle import Estimate, Population, RattleError
 
 
@@ -28,7 +28,8 @@ class PopulationDocument(Standing):
 
     @classmethod
     def of(cls, job: JobRow) -> PopulationDocument:
-        return cls(**standing(job), links=_links(job))
+        """Return the document of a job."""
+        return cls(**status_fields(job), links=_links(job))
 
 
 class PopulationDetail(PopulationDocument):
@@ -39,7 +40,8 @@ class PopulationDetail(PopulationDocument):
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
-        return cls(**standing(job), links=_links(job), request=request_shown(job), failures=failures)
+        """Return the document of a job with its failed gears."""
+        return cls(**status_fields(job), links=_links(job), request=request_shown(job), failures=failures)
 
 
 class PopulationList(BaseModel):
@@ -51,7 +53,7 @@ class PopulationList(BaseModel):
 
 
 class EstimateDocument(BaseModel):
-    """What a population will cost once it runs."""
+    """Cost of a population once it runs."""
 
     seconds: float
     workers: int
@@ -67,7 +69,8 @@ class Interval(BaseModel):
 
     @classmethod
     def of(cls, found: Estimate) -> Interval:
-        return cls(**{name: number(value) for name, value in found._asdict().items()})
+        """Return the document of an estimate."""
+        return cls(**{name: json_number(value) for name, value in found._asdict().items()})
 
 
 class IndexDocument(BaseModel):
@@ -87,7 +90,7 @@ class WorstDocument(BaseModel):
 
 
 class Answers(BaseModel):
-    """What follows from a population, with 95 % intervals."""
+    """Answers of a population, with 95 % intervals."""
 
     gears: int
     count: int
@@ -103,7 +106,7 @@ class Answers(BaseModel):
 
 
 def answers_document(found: Population) -> Answers:
-    """What follows from a population, as the service answers it."""
+    """Return the answers of a population as a document."""
     intensity = {} if found.undecided == 1.0 else found.intensity()
     return Answers(
         gears=found.plan.gears,
@@ -114,7 +117,7 @@ def answers_document(found: Population) -> Answers:
         intensity={str(q): Interval.of(each) for q, each in intensity.items()} or None,
         quiet_indices=_indices(found, "quiet"),
         energy_indices=_indices(found, "energy"),
-        worst=[WorstDocument(**each._asdict() | {"energy": number(each.energy)}) for each in found.worst()],
+        worst=[WorstDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
     )
 
 
@@ -130,5 +133,5 @@ def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
 
 
 def _links(job: JobRow) -> PopulationLinks:
-    here = path_of(job.id, Kind.POPULATION)
+    here = path_of(job.id, JobKind.POPULATION)
     return PopulationLinks(self=here, events=f"{here}/events", store=f"{here}/store", answers=f"{here}/answers")

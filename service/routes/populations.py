@@ -11,7 +11,7 @@ from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.access.middleware import CallerState
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.estimate import estimate
 from gear_rattle.service.operations.surveys import remove_survey, submit_survey, verify_survey
@@ -44,7 +44,7 @@ from gear_rattle.workers import Bucket, PopulationRequest
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
 estimates = APIRouter(prefix="/v1", tags=["populations"])
 
-KIND = Kind.POPULATION
+KIND = JobKind.POPULATION
 PopulationId = Annotated[
     str, Path(description="id of a population, from the answer to its submission", examples=[examples.POPULATION_ID])
 ]
@@ -70,8 +70,9 @@ def submit_population(
     idempotency_key: IdempotencyKey = None,
     force: Annotated[bool, Query(description="compute it although an identical population is there")] = False,
 ) -> PopulationDetail:
-    """Accept a population and compute it in the background as a survey is: `POST /v1/surveys` says what identical ones
-    and idempotency keys are answered with.
+    """Accept a population and compute it in the background as a survey is.
+
+    `POST /v1/surveys` says what identical ones and idempotency keys are answered with.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     tell_of_acceptance(response, job, KIND)
@@ -102,6 +103,7 @@ def list_populations(
     limit: Annotated[int, Query(ge=1, le=500, description="populations per page")] = 50,
     cursor: Cursor = None,
 ) -> Response:
+    """List populations, newest first."""
     page, count, following = page_of(front, KIND, limit, cursor)
     shown = [PopulationDocument.of(job) for job in page]
     return json_answer(request, PopulationList(populations=shown, count=count, next=following))
@@ -114,6 +116,7 @@ def list_populations(
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
+    """Show a population."""
     job = front.database.job(population_id, KIND)
     return json_answer(request, _detail(front, job), job.finished)
 
@@ -127,7 +130,7 @@ def show_population(request: Request, front: FrontState, population_id: Populati
 def verify_population(
     front: FrontState, caller: CallerState, response: Response, population_id: PopulationId
 ) -> PopulationDetail:
-    """As `POST /v1/surveys/{survey_id}/verify`."""
+    """Verify a population, as `POST /v1/surveys/{survey_id}/verify`."""
     job = verify_survey(front, caller, population_id, KIND)
     response.headers["Location"] = path_of(job.id, KIND)
     response.headers["Retry-After"] = RETRY_SECONDS
@@ -143,7 +146,7 @@ def verify_population(
 def remove_population(
     front: FrontState, caller: CallerState, population_id: PopulationId
 ) -> Response | PopulationDetail:
-    """As `DELETE /v1/surveys/{survey_id}`."""
+    """Remove a population, as `DELETE /v1/surveys/{survey_id}`."""
     dismissed = remove_survey(front, caller, population_id, KIND)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
 
@@ -162,7 +165,7 @@ async def follow_population(
         int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
     ] = 0,
 ) -> Response:
-    """As `GET /v1/surveys/{survey_id}/events`."""
+    """Follow a population, as `GET /v1/surveys/{survey_id}/events`."""
     return await stream(front, caller, population_id, KIND, last_event_id)
 
 

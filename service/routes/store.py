@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from gear_rattle.service.database.tables import Kind, State
+from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.chunks import is_owed
 from gear_rattle.service.routes.documents import SurveyId, path_of
@@ -60,14 +60,16 @@ async def read(
     key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "region/c/0/0"])],
     request: Request,
 ) -> Response:
-    """A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and
-    cannot be read is no fill value: 503, and POST …/verify computes it again.
+    """Read a file of a store.
+
+    A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and cannot
+    be read is no fill value: 503, and POST …/verify computes it again.
     """
-    return await stored_file(front, survey_id, Kind.SURVEY, key, request)
+    return await stored_file(front, survey_id, JobKind.SURVEY, key, request)
 
 
-async def stored_file(front: Front, survey_id: str, kind: Kind, key: str, request: Request) -> Response:
-    """The file of this key in the store of a survey or a population."""
+async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
+    """Return the file of this key in the store of a survey or a population."""
     job, store = await run_in_threadpool(front.stored, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
@@ -93,7 +95,7 @@ async def stored_file(front: Front, survey_id: str, kind: Kind, key: str, reques
 
 
 async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
-    """The file of this key. Raises HTTPException or OSError if there is none."""
+    """Return the file of this key. Raises HTTPException or OSError if there is none."""
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)

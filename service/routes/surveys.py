@@ -10,7 +10,7 @@ from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
 from gear_rattle.service.access.middleware import CallerState
-from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.operations.surveys import (
     Description,
     describe_survey,
@@ -37,7 +37,7 @@ Cursor = Annotated[
 ]
 
 
-def tell_of_acceptance(response: Response, job: JobRow, kind: Kind) -> None:
+def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
     """Say where a survey or a population that was submitted is: 200 if it has ended, else when to look again."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).final:
@@ -46,15 +46,15 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: Kind) -> None:
         response.headers["Retry-After"] = RETRY_SECONDS
 
 
-def page_of(front: Front, kind: Kind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
-    """One page of a list, newest first, how many there are in all, and the cursor of the next page."""
+def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
+    """Return one page of a list, newest first, how many there are in all, and the cursor of the next page."""
     jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
     page = jobs[:limit]
     return page, count, str(page[-1].number) if len(jobs) > limit else None
 
 
 def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
-    """The first failed cells of a survey or a population, with their messages."""
+    """Return the first failed cells of a survey or a population, with their messages."""
     return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
 
 
@@ -98,7 +98,7 @@ def submit(
     with, the latest 100 are remembered.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
-    tell_of_acceptance(response, job, Kind.SURVEY)
+    tell_of_acceptance(response, job, JobKind.SURVEY)
     return _detail(front, job)
 
 
@@ -114,7 +114,8 @@ def list_surveys(
     limit: Annotated[int, Query(ge=1, le=500, description="surveys per page")] = 50,
     cursor: Cursor = None,
 ) -> Response:
-    page, count, following = page_of(front, Kind.SURVEY, limit, cursor)
+    """List surveys, newest first."""
+    page, count, following = page_of(front, JobKind.SURVEY, limit, cursor)
     document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
     return json_answer(request, document)
 
@@ -126,7 +127,8 @@ def list_surveys(
     responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    job = front.database.job(survey_id, Kind.SURVEY)
+    """Show a survey."""
+    job = front.database.job(survey_id, JobKind.SURVEY)
     is_as_submitted = not job.notes and job.name == request_shown(job).get("name")  # names change at any time
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 
@@ -138,10 +140,9 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declared(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """A survey that was successful, was dismissed, or failed and may succeed now, waits and runs again.
+    """Let a survey that was successful, was dismissed, or failed and may succeed now, wait and run again.
 
-    Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile. Only the key
-    that submitted a survey may ask for this.
+    Every chunk has a checksum: those that are whole are kept as they are, and stay readable.
     """
     job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)
@@ -161,8 +162,10 @@ def describe(
     survey_id: SurveyId,
     body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
 ) -> SurveyDetail:
-    """At any time, by the key that submitted it. What is left out stays as it is; so does the store, which keeps the
-    name that it was submitted with, and identical surveys are found whatever they are called.
+    """Describe a survey at any time, by the key that submitted it.
+
+    Fields that are left out stay as they are; so does the store, which keeps the name that it was submitted with, and
+    identical surveys are found whatever their names.
     """
     return _detail(front, describe_survey(front, caller, survey_id, body))
 
@@ -174,9 +177,10 @@ def describe(
     responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
 )
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
-    """A dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
+    """Dismiss a survey that waits or runs, or delete one that has ended.
 
-    Every key may read every survey; only the key that submitted one may remove it.
+    A dismissed survey keeps its computed tiles until it is deleted by a second DELETE. Every key may read every survey;
+    only the key that submitted one may remove it.
     """
     dismissed = remove_survey(front, caller, survey_id)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)

@@ -1,1 +1,1 @@
-"""What every HTTP answer goes through."""
+"""Processing of every HTTP answer."""

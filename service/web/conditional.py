@@ -40,6 +40,7 @@ class AnyTagMiddleware:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] != "http" or Headers(scope=scope).get("if-none-match", "").strip() != "*":
             await self.app(scope, receive, send)
             return
@@ -63,10 +64,17 @@ class AnyTagMiddleware:
 
 
 def json_answer(request: Request, document: BaseModel, modified: str | None = None) -> Response:
-    """A document with the hash of its bytes as ETag, or 304.
+    """Return a document with the hash of its bytes as ETag, or 304.
 
-    Args:
-        modified: ISO 8601, since when it has been as it is; None if it may change more than once a second.
+    Parameters
+    ----------
+    modified : str | None
+        ISO 8601, since when it has been as it is; None if it may change more than once a second.
+
+    Returns
+    -------
+    Response
+        The response.
     """
     body = document.model_dump_json().encode()
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
@@ -87,12 +95,12 @@ async def function_of_query(request: Request, response: Response) -> None:
 
 
 def picture_tag(*parts: object) -> str:
-    """A weak ETag: pictures with it show the same, though perhaps with a tile more."""
+    """Return a weak ETag: pictures with it show the same, though perhaps with a tile more."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
 def is_known(request: Request, headers: Mapping[str, str]) -> bool:
-    """Whether the client says that it has the representation with these headers."""
+    """Return whether the client says that it has the representation with these headers."""
     if (tags := request.headers.get("if-none-match")) is not None:
         return _opaque(headers["ETag"]) in {_opaque(tag) for tag in tags.split(",")}
     try:
@@ -112,6 +120,14 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Changes with the code that computes, and with the code here that writes it down."""
+    """Return the version of answers.
+
+    It changes with the code that computes, and with the code here that writes them.
+
+    Returns
+    -------
+    str
+        The version.
+    """
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

@@ -48,13 +48,13 @@ def _pages_of(directory: Path) -> Router:
     documents = {f"/{each.relative_to(directory).as_posix()}": each for each in directory.rglob("*.md")}
 
     def shown(document: Path) -> Callable[[Request], HTMLResponse]:
-        return lambda _request: HTMLResponse(page_of(document))
+        return lambda _request: HTMLResponse(document_page(document))
 
     pages = [Route(path, shown(document)) for path, document in {"/": directory / FIRST, **documents}.items()]
     return Router([*pages, Mount("/", StaticFiles(directory=directory))])
 
 
-def page_of(document: Path) -> str:
+def document_page(document: Path) -> str:
     """Return a document as a page."""
 
     def linked(tree: re.Match[str]) -> str:

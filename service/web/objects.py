@@ -15,11 +15,19 @@ RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 
 
 async def object_response(store: Bucket, key: str, request: Request) -> Response:
-    """The object, the range of it that is asked for, or 304. Chunks are small enough to be held whole.
+    """Return the object, the range of it that is asked for, or 304. Chunks are small enough to be held whole.
 
-    Raises:
-        HTTPException: 404 without such an object, 416 for a range outside of it.
-        StorageError: the object store fails.
+    Returns
+    -------
+    Response
+        The response.
+
+    Raises
+    ------
+    HTTPException
+        404 without such an object, 416 for a range outside of it.
+    StorageError
+        The object store fails.
     """
     return await run_in_threadpool(_respond, store, key, request)
 

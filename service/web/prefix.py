@@ -46,6 +46,7 @@ class PrefixMiddleware:
         self._root_path, self._trusted = root_path, trusted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return

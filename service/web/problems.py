@@ -72,6 +72,24 @@ ADVICE = {
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
+#: Codes of errors that are no exception of this project, by their status.
+CODES = {
+    400: "bad_request",
+    401: "unauthorized",
+    403: "forbidden",
+    404: "not_found",
+    405: "method_not_allowed",
+    408: "request_timeout",
+    413: "body_too_large",
+    414: "url_too_long",
+    415: "unsupported_media_type",
+    416: "range_not_satisfiable",
+    422: "invalid_request",
+    431: "headers_too_large",
+    500: "internal_error",
+    503: "unavailable",
+}
+
 
 class FieldError(BaseModel):
     """One field that was refused."""
@@ -86,6 +104,7 @@ class Problem(BaseModel):
     type: str = "about:blank"
     title: str = Field(description="the HTTP status in words")
     status: int
+    code: str = Field(description="stable name of the kind of error, for programs")
     detail: str = Field(description="what went wrong and what to do")
     instance: str = Field("", description="path of the request")
     errors: list[FieldError] = Field(default_factory=list, description="refused fields, if there are any")
@@ -106,11 +125,13 @@ def problem_response(
     instance: str,
     field_errors: Iterable[FieldError] = (),
     headers: Mapping[str, str] | None = None,
+    code: str = "",
 ) -> Response:
-    """The answer for one error, always valid JSON, whatever text the request smuggled into it."""
+    """Return the answer for one error, always valid JSON, whatever text the request smuggled into it."""
     problem = Problem(
         title=HTTPStatus(status).phrase,
         status=status,
+        code=code or CODES.get(status, "error"),
         detail=detail,
         instance=instance,
         errors=list(field_errors),
@@ -188,11 +209,12 @@ def _on_known_error(request: Request, error: Exception) -> Response:
     # What a database error says is about SQL, which helps nobody outside.
     detail = ADVICE[503] if isinstance(error, SQLAlchemyError) else ADVICE[500] if status == 500 else str(error)
     fields = [FieldError(field=error.field, message=str(error))] if isinstance(error, errors.LimitError) else []
-    return problem_response(status, detail, request.url.path, fields, HEADERS_OF.get(status))
+    code = error.code if isinstance(error, RattleError) and status != 500 else ""
+    return problem_response(status, detail, request.url.path, fields, HEADERS_OF.get(status), code)
 
 
 def answer(request: Request, error: Exception) -> Response:
-    """The problem document of an error that was raised before any route."""
+    """Return the problem document of an error that was raised before any route."""
     return (_on_http_exception if isinstance(error, HTTPException) else _on_known_error)(request, error)
 
 
@@ -201,14 +223,16 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 
 
 class ProblemMiddleware:
-    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents, and what nobody
-    expected into an answer 500, which is logged and counted like any other; the exception goes on to the server's log.
+    """Turn plain-text errors of libraries (413, 416) into problem documents, and unexpected exceptions into 500.
+
+    The latter is logged and counted like any other; the exception goes on to the server's log.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return

@@ -37,8 +37,8 @@ MAX_MESSAGE_BYTES = 1 << 20
 log = logging.getLogger("uvicorn.error")
 
 
-def run(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_stop: threading.Event) -> bool:
-    """Serve the application until SIGINT or SIGTERM. Return whether it has started.
+def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_stop: threading.Event) -> bool:
+    """Serve the application until SIGINT or SIGTERM.
 
     Parameters
     ----------
@@ -50,6 +50,11 @@ def run(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_s
         For `logging.config.dictConfig`.
     asked_to_stop
         Set by a signal that arrives before the server handles signals.
+
+    Returns
+    -------
+    bool
+        Whether it has started.
 
     Raises
     ------
@@ -103,6 +108,11 @@ def return_large_blocks() -> None:
 
 def bind(host: str, port: int) -> list[socket.socket]:
     """Return sockets bound to every address of a host; they do not listen yet, so nobody connects before the start.
+
+    Returns
+    -------
+    list[socket.socket]
+        The sockets.
 
     Raises
     ------

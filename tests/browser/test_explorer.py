@@ -43,7 +43,7 @@ def region_at(delta: float, epsilon: float) -> str:
 def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faults) -> None:
     held.hold(1)
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     page.get_by_label("Name", exact=True).fill("from the form")
     for label, value in {
         "δ values": 24,
@@ -94,7 +94,7 @@ def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faul
 @deep
 def test_a_form_that_cannot_be_sent_says_why(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     page.get_by_label("δ from", exact=True).fill("2")
     page.get_by_label("δ from", exact=True).press("Enter")
     expect(page.get_by_text("must be below stop")).to_be_visible()
@@ -210,7 +210,7 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
     expect(page.get_by_role("checkbox", name="log scale")).to_be_checked()
     assert query(page) == view
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(15, 19, 23)"
-    page.get_by_role("button", name="Save window as survey").click()
+    page.get_by_role("button", name="New survey from this view").click()
     for label, value in {"δ from": "0.5", "δ to": "0.75", "ε from": "0.05", "ε to": "0.2"}.items():
         expect(page.get_by_label(label, exact=True)).to_have_value(value)
     for form, begin in {"PNG": b"\x89PNG", "SVG": b"<?xml", "PDF": b"%PDF"}.items():

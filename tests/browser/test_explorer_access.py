@@ -81,7 +81,7 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
         (cookie,) = context.cookies()
         assert cookie["httpOnly"]
         assert cookie["sameSite"] == "Strict"
-        page.get_by_role("button", name="New survey").click()
+        page.get_by_role("button", name="New survey", exact=True).click()
         expect(page.get_by_text("cells, about")).to_be_visible()
         expect(page.get_by_role("button", name="Submit")).to_be_disabled()
         page.get_by_role("button", name="Sign out").click()
@@ -89,7 +89,7 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
         assert context.cookies() == []
         page.get_by_label("API key").fill(tokens["submit"])
         page.get_by_role("button", name="Sign in").click()
-        page.get_by_role("button", name="New survey").click()
+        page.get_by_role("button", name="New survey", exact=True).click()
         expect(page.get_by_text("cells, about")).to_be_visible()
         expect(page.get_by_role("button", name="Submit")).to_be_enabled()
         process.send_signal(signal.SIGTERM)
@@ -101,7 +101,7 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
             expect(page.locator("#lost")).to_have_count(0)
             expect(page.get_by_text("No surveys yet")).to_be_visible()
             assert page.url == view
-            page.get_by_role("button", name="New survey").click()
+            page.get_by_role("button", name="New survey", exact=True).click()
             expect(page.get_by_text("cells, about")).to_be_visible()
             page.close()
 

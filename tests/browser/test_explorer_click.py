@@ -61,7 +61,7 @@ def test_a_click_shows_the_point(page: Page, service: str) -> None:
     expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(5)
     assert figure(page, "basins", "background_fill_color") == "#ffffff"
     page.get_by_role("button", name="Go to a point").click()
-    expect(page.get_by_label("Given")).to_be_visible()
+    expect(page.get_by_label("Enter as")).to_be_visible()
     assert_accessible(page)
 
 

@@ -267,7 +267,7 @@ def test_two_gears_stand_side_by_side(page: Page, service: str, survey_id: str) 
     grid = {"quantities": ["region"], "delta": SURVEY["delta"], "epsilon": SURVEY["epsilon"]}
     other = done(service, submitted(service, **grid, beta=0.3, name="narrow", seed=8))
     open_view(page, service, survey=survey_id)
-    page.get_by_role("button", name="Map beside").click()
+    page.get_by_role("button", name="Add a second map").click()
     choice = page.get_by_label("Survey of map 2")
     choice.select_option(choice.locator("option", has_text="narrow").first.text_content())
     page.wait_for_url(f"**map2={other}**")

@@ -22,7 +22,7 @@ def field(page: Page, label: str, value: str) -> None:
 @deep
 def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     page.get_by_label("Axes", exact=True).select_option(label="a machine: rpm, µm")
     field(page, "Name", "in SI")
     for label, value in {"rpm from": "1500", "Drag, N m s/rad": "0.05", "Initial conditions": "1"}.items():
@@ -60,7 +60,7 @@ def test_a_machine_that_is_entered_is_heard_and_has_a_yield(page: Page, service:
     page.get_by_role("button", name="Play", exact=True).click()
     page.locator("audio").wait_for(state="attached")
     field(page, "σ of eccentricity, µm", "4")
-    page.get_by_role("button", name="Ellipse and yield").click()
+    page.get_by_role("button", name="Compute yield").click()
     expect(beside).to_contain_text("of the gears pass")
     page.wait_for_url("**p.tolerance=**")
 

@@ -70,9 +70,9 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
     family.select_option("all of them")
     page.get_by_label("Map", exact=True).select_option("region")
     page.get_by_role("button", name="Close the point").click()
-    page.get_by_role("button", name="Map beside").click()
+    page.get_by_role("button", name="Add a second map").click()
     page.get_by_label("Map 2", exact=True).select_option("attractor fraction, 0")
-    page.get_by_role("button", name="Map beside").click()
+    page.get_by_role("button", name="Add a second map").click()
     page.wait_for_url("**map3=**")
     expect(page.locator(".further.shown, .further:has(.shown)")).to_have_count(2)
     wait_for(page, FURTHER)
@@ -83,9 +83,9 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
     assert page.evaluate(WINDOWS) == 1
     point_at(page, 0.604, 0.0622, until="δ0.604")
     expect(page.locator(".further").first).to_contain_text("δ 0.604")
-    page.get_by_role("button", name="Map beside").click()
+    page.get_by_role("button", name="Add a second map").click()
     page.wait_for_url("**map4=**")
-    expect(page.get_by_role("button", name="Map beside")).to_be_hidden()  # four are as many as there is room for
+    expect(page.get_by_role("button", name="Add a second map")).to_be_hidden()  # four are as many as there is room for
     page.get_by_role("checkbox", name="first map less this one").last.check()
     expect(page.get_by_text("small less small, the same cells")).to_be_visible()
     page.get_by_role("button", name="Remove map 4").click()

@@ -32,7 +32,7 @@ def test_the_scale_of_colours_is_whole_and_chosen(page: Page, service: str, surv
     room, width, numbers = page.evaluate(BAR)
     assert room >= width
     assert numbers == ["−1.5 −1 −0.5 0", "1.6e−4 1.7e−4", "0 50000 1e5", "0.60001 0.60002", "2e−7 3e−6"]
-    page.get_by_label("Colours span").select_option("from … to")
+    page.get_by_label("Colour range").select_option("from … to")
     page.wait_for_url("**limits=**")
     enter(page, "from", "-0.1")
     page.wait_for_url("**limits=-0.1,**")

@@ -37,7 +37,7 @@ def test_no_screen_is_too_small_and_an_open_point_hides_nothing(page: Page, serv
             assert top[2] >= bottom[1]
         else:
             assert right[0] <= left[1]
-        expect(page.get_by_role("button", name="New survey")).to_be_visible()
+        expect(page.get_by_role("button", name="New survey", exact=True)).to_be_visible()
         expect(page.locator("button.survey").first).to_be_visible()
     page.set_viewport_size({"width": 390, "height": 844})
     wait_until(lambda: page.evaluate(PORTRAIT) <= 390)  # of two pictures side by side the second one is not cut off
@@ -58,5 +58,5 @@ def test_a_view_is_printed_whole_with_its_key(page: Page, service: str, width: i
     address = page.evaluate("() => getComputedStyle(document.querySelector('header'), '::after').content")
     assert address == f'"{page.url}"'
     assert key["y"] + key["height"] < 1030
-    expect(page.get_by_role("button", name="New survey")).to_be_hidden()
+    expect(page.get_by_role("button", name="New survey", exact=True)).to_be_hidden()
     expect(page.get_by_text("COD20–23")).to_be_visible()

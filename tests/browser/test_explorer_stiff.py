@@ -27,7 +27,7 @@ def sn1_at(page: Page, delta: float) -> float:
 @deep
 def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey").click()
+    page.get_by_role("button", name="New survey", exact=True).click()
     expect(page.get_by_label("Stiffness κ")).to_be_hidden()
     page.get_by_label("Name", exact=True).fill("stiff")
     page.get_by_label("Model").select_option("stiff walls")

@@ -1,6 +1,7 @@
 """A front end without a cluster, for tests of what it answers: accepted surveys stay accepted."""
 
 import pickle
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -125,6 +126,10 @@ def peer(client: TestClient, address: tuple[str, int]) -> Iterator[TestClient]:
     yield TestClient(client.app, HERE, raise_server_exceptions=False, client=address)
 
 
+#: How the stable codes of errors are written.
+CODE = "[a-z]+(_[a-z]+)*"
+
+
 def assert_problem(response: Any, status: int, *words: str) -> dict[str, Any]:
     """The problem document of a response, which must be complete and mention the words."""
     assert response.status_code == status, response.text
@@ -133,6 +138,7 @@ def assert_problem(response: Any, status: int, *words: str) -> dict[str, Any]:
     assert problem["status"] == status
     assert problem["type"] == "about:blank"
     assert problem["title"]
+    assert re.fullmatch(CODE, problem["code"]), problem
     assert len(problem["detail"]) > 10
     text = problem["detail"] + " ".join(item["field"] + item["message"] for item in problem["errors"])
     for word in words:

@@ -1,5 +1,6 @@
 """One name for each term: the glossary holds it, its names in code exist, and documents keep to both."""
 
+import ast
 import re
 import subprocess
 from pathlib import Path
@@ -80,6 +81,41 @@ def test_documents_use_the_terms_of_the_glossary(document: str) -> None:
     for old, term in REPLACED.items():
         found = re.search(rf"\b{old}\b", text, re.IGNORECASE)
         assert not found, f"{document}: {found and found[0]!r} is {term!r}"
+
+
+#: A docstring that begins so is an ellipsis: "Of an API key: …", "As `iterate`.", "Which cells …".
+ELLIPSES = ("Of", "What", "Whether", "Which", "As", "Where", "Who")
+MOST_SHARED = 60  # names of functions in several modules: those of an interface that the modules share
+
+
+def modules() -> dict[str, ast.Module]:
+    """The modules of the packages, by their paths."""
+    paths = [path for room in ("rattle", "workers", "service", "gear_rattle") for path in (ROOT / room).rglob("*.py")]
+    own = [path for path in paths if not any(parent.is_symlink() for parent in path.parents)]
+    return {str(path.relative_to(ROOT)): ast.parse(path.read_text()) for path in own}
+
+
+def test_no_docstring_begins_with_an_ellipsis() -> None:
+    found = []
+    for path, tree in modules().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                text = ast.get_docstring(node) or "-"
+                if text.split()[0].strip(",:;") in ELLIPSES:
+                    found.append(f"{path}: {text.splitlines()[0]}")
+    assert not found
+
+
+def test_a_class_has_a_name_of_its_own_and_few_functions_share_one() -> None:
+    places: dict[tuple[type, str], set[str]] = {}
+    for path, tree in modules().items():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                kind = ast.ClassDef if isinstance(node, ast.ClassDef) else ast.FunctionDef
+                places.setdefault((kind, node.name), set()).add(path)
+    shared = {key: paths for key, paths in places.items() if len(paths) > 1}
+    assert not {key: paths for key, paths in shared.items() if key[0] is ast.ClassDef}
+    assert len([name for kind, name in shared if kind is ast.FunctionDef and not name.startswith("_")]) <= MOST_SHARED
 
 
 @pytest.mark.parametrize("path", sorted(DOCS.glob("decisions/0*.md")), ids=lambda path: path.stem)

@@ -611,7 +611,7 @@ PROTECTIONS = (
         "a session ends with its time and its key",
         f"{LOGIN}::test_a_session_ends_with_its_time_and_with_its_key",
         "service/database/keys.py",
-        "    return joined.where(SessionRow.expires > now(), KeyRow.revoked.is_(None))\n",
+        "    return joined.where(SessionRow.expires > timestamp(), KeyRow.revoked.is_(None))\n",
         "    return joined.where(KeyRow.revoked.is_(None))\n",
     ),
     _one(

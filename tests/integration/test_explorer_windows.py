@@ -24,7 +24,7 @@ import gear_rattle.workers.cluster.refinement
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations import windows as service_windows
-from gear_rattle.service.operations.windows import Windows, refine
+from gear_rattle.service.operations.windows import Windows, refine_window
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.workers import (
@@ -127,7 +127,7 @@ def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None
 
 def shown(front: Front, variable: str, index: int = 0) -> Any:
     """Frames of the window."""
-    return refine(front, REQUEST, variable, index, WINDOW, PIXELS)
+    return refine_window(front, REQUEST, variable, index, WINDOW, PIXELS)
 
 
 async def all_frames(front: Front, variable: str, index: int = 0) -> list[Frame]:
@@ -270,7 +270,7 @@ def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
         windows = http._transport.app.state.overlaid.windows
         beyond = fine | {"delta_min": -0.3, "delta_max": -0.1}  # where the page has the survey's cells, too: none
         assert (await http.get(f"{here}/map.png", params=beyond)).status_code == 200
-        monkeypatch.setattr(service_windows, "refine", None)  # what is kept is not computed again
+        monkeypatch.setattr(service_windows, "refine_window", None)  # what is kept is not computed again
         again = await http.get(f"{here}/map.png", params=fine)
         kept = await windows.finest(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
         np.testing.assert_array_equal(kept.values, expected.values)
@@ -316,7 +316,7 @@ def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
         with pytest.raises(SurveyError, match="weather"):
             await all_frames(front, "weather")
         with pytest.raises(SurveyError, match="zoom out"):
-            await anext(refine(front, REQUEST, "region", 0, Window((0.6, 0.6 + 3e-16), (0.1, 0.2)), PIXELS))
+            await anext(refine_window(front, REQUEST, "region", 0, Window((0.6, 0.6 + 3e-16), (0.1, 0.2)), PIXELS))
         assert front.windows.borrowed_tokens == 0
 
     run(tmp_path, cluster, body)

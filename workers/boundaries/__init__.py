@@ -1,1 +1,1 @@
-"""Which curve passes between two cells."""
+"""Explain differences between two cells by the curve that passes between them."""

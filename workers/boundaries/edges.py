@@ -1,11 +1,11 @@
-"""Where families of attractors end in a survey, and which of its traced curves passes there."""
+"""Find the ends of families of attractors in a survey, and the traced curve that passes there."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from gear_rattle.workers.boundaries.labels import labels_of
+from gear_rattle.workers.boundaries.labels import labels_on_curve
 from gear_rattle.workers.survey.crossings import Crossings
 from rattle import FamilyTable
 from rattle.attractors import CHAOTIC
@@ -24,9 +24,10 @@ class Edges(NamedTuple):
     on: np.ndarray
 
 
-class Ends(NamedTuple):
-    """The edges of some components (k,) in a part of a grid: number (k,) of pairs, on (k, curves) of those between
-    which each curve passes.
+class FamilyEnds(NamedTuple):
+    """The edges of some components (k,) in a part of a grid.
+
+    Number (k,) of pairs, on (k, curves) of those between which each curve passes.
     """
 
     component: np.ndarray
@@ -36,13 +37,19 @@ class Ends(NamedTuple):
 
 def ends_in(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
-) -> Ends:
-    """The edges between the cells of a part of a grid with so many columns, whose axes rise, and the next ones along δ
-    and ε.
+) -> FamilyEnds:
+    """Return the edges between the cells of a part of a grid and the next ones along δ and ε.
+
+    The grid has so many columns, and its axes rise.
 
     cell, component (rows,): the attractors of the part and of these next ones, component −1: undecided. A cell without
     a single attractor was not computed, and one with undecided samples may have what it does not list: pairs with these
     are left out.
+
+    Returns
+    -------
+    Ends
+        The edges.
     """
     width = part.right - part.left + 1
     row, column = np.divmod(cell, columns)
@@ -70,11 +77,19 @@ def ends_in(
             first = (part.top + i[ends]) * columns + part.left + j[ends]
             for k, crossing in enumerate(crossings):
                 on[:, k] += np.bincount(which[ends][np.isin(first, crossing[axis])], minlength=ids.size)
-    return Ends(ids, number, on)
+    return FamilyEnds(ids, number, on)
 
 
-def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
-    """The edges of the families of a survey from those in its parts; family: of each component, which indexes it."""
+def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
+    """Return the edges of the families of a survey from those in its parts.
+
+    Family: of each component, which indexes it.
+
+    Returns
+    -------
+    Edges
+        The edges.
+    """
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)
     for part in parts:
@@ -85,7 +100,7 @@ def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, name
 
 
 def _concerned(table: FamilyTable, name: str) -> np.ndarray:
-    """Whether a curve makes or ends motions of these families' labels; chaos has none."""
-    known = labels_of(name)
+    """Return whether a curve makes or ends motions of these families' labels; chaos has none."""
+    known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
-from gear_rattle.workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
+from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_on_curve
+from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, crossed_pairs, label_name
 from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
 from rattle.curves import Curve
@@ -29,9 +29,10 @@ ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
-class Known:
-    """A curve, the attractors that it may make or end, whether it bounds regions, the pairs that it crosses (n,), and
-    how many of these differ in such a way.
+class KnownCurve:
+    """Curve with the attractors that it may make or end, and the pairs that it crosses (n,).
+
+    Also whether it bounds regions, and how many of these pairs differ in such a way.
     """
 
     curve: Curve
@@ -53,7 +54,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What explains a survey: its pairs that differ, the curves by falling number of pairs they explain, and the rest.
+    """Explanation of a survey: its pairs that differ, the curves by falling number of pairs, and the rest.
 
     region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
     that changes there passes between. sampling (n,): the attractors that differ are in both cells, as their families
@@ -62,7 +63,7 @@ class Explanation:
     """
 
     pairs: Pairs
-    known: tuple[Known, ...]
+    known: tuple[KnownCurve, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
     sampling: np.ndarray
@@ -74,13 +75,29 @@ class Explanation:
 def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None) -> Explanation:
     """Explain the boundaries between the cells of an open survey, finished or not.
 
-    families: its group of that name, if it has one. most_curves: how many curves of other than period-one motions may
-    be computed. Raises SurveyError.
+    Raises SurveyError.
+
+    Parameters
+    ----------
+    most_curves : int
+        How many curves of other than period-one motions may be computed.
+    families : xr.Dataset | None
+        Its group of that name, if it has one.
+
+    Returns
+    -------
+    Explanation
+        The explanation.
+
+    Raises
+    ------
+    SurveyError
+        If the survey has neither regions nor attractors, or no curves.
     """
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
         raise SurveyError(str(lacking(Capability.BOUNDARIES, model)))
-    search = _Search(Grid(dataset, families), most_curves)
+    search = _Search(CellGrid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.covers_region()
     every = range(len(search.pairs))
@@ -104,17 +121,17 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
 
 @dataclass
 class _Search:
-    grid: Grid
+    grid: CellGrid
     most_curves: int
     pairs: Pairs = field(init=False)
-    known: list[Known] = field(default_factory=list)
+    known: list[KnownCurve] = field(default_factory=list)
     met: dict[int, frozenset[Label]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.pairs = self.grid.differing()
         for name in curves.NAMES:
             curve = curves.trace(name, self.grid.beta, *self.window)
-            self._add(curve, labels_of(name), name not in ("PDC", "quiet_limit"))
+            self._add(curve, labels_on_curve(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
         self.often = Counter(label for n in range(len(self.pairs)) for label in self.uncovered(n))
 
@@ -137,8 +154,8 @@ class _Search:
                 if reason:
                     yield n, reason
 
-    def counted(self) -> Iterator[Known]:
-        """The curves with the number of pairs that each explains."""
+    def counted(self) -> Iterator[KnownCurve]:
+        """Yield the curves with the number of pairs that each explains."""
         for item in self.known:
             here = np.flatnonzero(item.crosses)
             own = np.array([bool(item.labels.intersection(self.changes[n])) for n in here], bool)
@@ -146,14 +163,19 @@ class _Search:
             yield replace(item, explains=int(np.sum(own | region)))
 
     def covers_region(self) -> np.ndarray:
-        """Which pairs (n,) differ in their region and have a curve for it."""
+        """Return flags of the pairs (n,) that differ in their region and have a curve for it."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
     def uncovered(self, n: int) -> list[Label]:
-        """The attractors that change between a pair and that no curve there concerns.
+        """Return the attractors that change between a pair and that no curve there concerns.
 
         Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
+
+        Returns
+        -------
+        list[Label]
+            The labels.
         """
         changed = self.changes[n]
         here = [item.labels for item in self.known if item.crosses[n]] + [self.met.get(n, frozenset())]
@@ -179,8 +201,8 @@ class _Search:
             return "the motion could not be followed"
         return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
 
-    def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, Attractor]:
-        """The cell that has more attractors of a label, the other, and the one of the smallest share there."""
+    def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
+        """Return the cell that has more attractors of a label, the other, and the one of the smallest share there."""
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
         here = 0 if len(having[0]) > len(having[1]) else 1
@@ -193,7 +215,7 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """The motions A–D of each cell that do not exist, or with other stability, in the other, and its (δ, ε)."""
+        """Yield the motions A–D that differ in existence or stability between the cells, and the (δ, ε) of each."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):
@@ -219,15 +241,15 @@ class _Search:
         return found
 
     def _add(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
-        self.known.append(Known(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
+        self.known.append(KnownCurve(curve, labels, bounds_regions, crossed_pairs(curve, self.grid, self.pairs)))
 
 
 def _labels_at(event: Event) -> frozenset[Label]:
     return labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
 
 
-def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
-    """The labels of which the two cells of a pair have different numbers, and not because samples missed a motion."""
+def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
+    """Return the labels of which two cells have different numbers, not because samples missed a motion."""
     if not pairs.attractors[n]:
         return []
     cells = pairs.first[n], pairs.second[n]
@@ -238,14 +260,14 @@ def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
 
 
 def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:
-    """The pairs without explanation, alike ones together, by falling number."""
+    """Return the pairs without explanation, alike ones together, by falling number."""
     groups: dict[tuple[str, str], list[int]] = {}
     pairs, grid = search.pairs, search.grid
     for n in map(int, np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors))):
         if pairs.region[n] and not region[n]:
             change = "region " + " | ".join(REGIONS[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
         else:
-            change = " and ".join(name_of(label) for label in search.uncovered(n))
+            change = " and ".join(label_name(label) for label in search.uncovered(n))
         groups.setdefault((change, why.get(n, "")), []).append(n)
     found = [
         Rest(change, reason, len(members), (grid.point(pairs.first[members[0]]), grid.point(pairs.second[members[0]])))

@@ -7,8 +7,16 @@ Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 
 
-def labels_of(name: str) -> frozenset[Label]:
-    """The attractors that a period-one curve makes or ends; the stiff gear's curves have the names of their limits."""
+def labels_on_curve(name: str) -> frozenset[Label]:
+    """Return the attractors that a period-one curve makes or ends.
+
+    The stiff gear's curves have the names of their limits.
+
+    Returns
+    -------
+    frozenset[Label]
+        The labels.
+    """
     if name == curves.QUIET_LIMIT:
         return frozenset({QUIET_LABEL})
     definition = curves.CURVES[name]
@@ -16,7 +24,7 @@ def labels_of(name: str) -> frozenset[Label]:
 
 
 def labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """The motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
+    """Return the motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
     plus, minus = walls.count(1), walls.count(-1)
     found = {(PERIODIC, m, plus, minus)}
     if impact is not None:

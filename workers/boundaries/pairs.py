@@ -1,4 +1,4 @@
-"""Which neighbouring cells of a survey differ, in what, and which of those pairs a curve passes between."""
+"""Find the neighbouring cells of a survey that differ, and the pairs that a curve passes between."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,11 +29,11 @@ class Pairs:
     attractors: np.ndarray
 
     def __len__(self) -> int:
-        """Number of pairs."""
+        """Return the number of pairs."""
         return len(self.first)
 
 
-class Attractor(NamedTuple):
+class CellAttractor(NamedTuple):
     """One attractor of a cell: its label, a state on it and its share of the sample."""
 
     label: Label
@@ -42,12 +42,18 @@ class Attractor(NamedTuple):
     fraction: float
 
 
-class Grid:
+class CellGrid:
     """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
-        """Read what is compared; families: the group of that name. Raises SurveyError if the survey has neither regions
-        nor attractors.
+        """Read what is compared; families: the group of that name.
+
+        Raises SurveyError if the survey has neither regions nor attractors.
+
+        Raises
+        ------
+        SurveyError
+            If the survey has neither regions nor attractors.
         """
         self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
         self.beta = surveyed_model(dataset).beta
@@ -68,7 +74,7 @@ class Grid:
             raise SurveyError("nothing to explain: ask for a survey with region or attractors")
 
     def differing(self) -> Pairs:
-        """The neighbours that differ, both of them computed."""
+        """Return the neighbours that differ, both of them computed."""
         found = []
         for step in ((0, 1), (1, 0)):
             here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))
@@ -90,8 +96,14 @@ class Grid:
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
-        """The labels of motions that are in one of two cells only, as far as families tell, whether or not a sample
-        went to them; None without families.
+        """Return the labels of motions that are in one of two cells only, as far as families tell.
+
+        Whether or not a sample went to them.
+
+        Returns
+        -------
+        frozenset[Label] | None
+            The labels; None without families.
         """
         if self.families is None:
             return None
@@ -102,12 +114,12 @@ class Grid:
         delta, epsilon = self.point(cell)
         return bool(epsilon < quiet_limit(delta))
 
-    def attractors(self, cell: np.ndarray) -> list[Attractor]:
-        """The attractors of one cell (i, j), by falling fraction."""
+    def attractors(self, cell: np.ndarray) -> list[CellAttractor]:
+        """Return the attractors of one cell (i, j), by falling fraction."""
         columns = (*self.slots, *self.states)
         rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
         found = [
-            Attractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
+            CellAttractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
             for kind, m, plus, minus, tau, v, share in rows
             if kind
         ]
@@ -119,7 +131,7 @@ class Grid:
 
 
 class _Families:
-    """Which families cells have: those in their slots, those that entered them, and quiet motion below its limit."""
+    """Families of cells: those in their slots, those that entered them, and quiet motion below its limit."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset) -> None:
         self.slots = np.asarray(dataset["attractor_family"])
@@ -132,14 +144,14 @@ class _Families:
             self.entered.setdefault((i, j), set()).add(number)
 
     def at(self, cell: np.ndarray, is_quiet: bool) -> set[int]:
-        """The families of a cell (i, j)."""
+        """Return the families of a cell (i, j)."""
         i, j = int(cell[0]), int(cell[1])
         listed = {int(number) for number in self.slots[:, i, j] if number >= 0}
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
-def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:
-    """Which of the pairs (n,) a curve passes between: solved for on the lines of the grid, not read off its points."""
+def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
+    """Return flags of the pairs (n,) that a curve passes between: solved for on the lines of the grid."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
     for chosen, fixed in ((~beside, "delta"), (beside, "epsilon")):
@@ -154,7 +166,7 @@ def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:
     return found
 
 
-def name_of(label: Label) -> str:
-    """How an attractor is written."""
+def label_name(label: Label) -> str:
+    """Return how an attractor is written."""
     kind, m, n_plus, n_minus = label
     return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

@@ -7,5 +7,5 @@ from importlib import import_module
 
 
 def dask_setup(_worker: object) -> None:
-    """Called by dask for a preloaded module, before a worker reports to its scheduler."""
+    """Set up a worker that preloads the module, before it reports to its scheduler; dask calls this."""
     import_module("gear_rattle.workers.cluster.runner")

@@ -82,7 +82,7 @@ class WarmKernels(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """The process ends: to look for garbage in all its modules took a third of a second."""
+        """End the process: to look for garbage in all its modules took a third of a second."""
         gc.freeze()
 
 
@@ -102,9 +102,12 @@ def _interrupts_blocked() -> Iterator[None]:
 class _Processes:
     """The process of the nannies, with their workers: started at once, and again should it be killed.
 
-    Args:
-        nice: how far their priority is below that of others.
-        should_stop: asked several times a second, until `started` is set: whether start-up was cancelled.
+    Parameters
+    ----------
+    nice
+        How far their priority is below that of others.
+    should_stop
+        Asked several times a second, until `started` is set: whether start-up was cancelled.
     """
 
     def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, should_stop: Callable[[], bool]) -> None:
@@ -135,8 +138,10 @@ class _Processes:
     def wait(self, client: Client) -> None:
         """Return when all workers are there.
 
-        Raises:
-            SurveyError: they cannot start, or shall not any more.
+        Raises
+        ------
+        SurveyError
+            They cannot start, or start-up was cancelled.
         """
         while len(client.nthreads()) < self._n_workers:
             if self._over.wait(LOOK_SECONDS):
@@ -168,7 +173,7 @@ class _Processes:
 
 
 def _environment() -> dict[str, str]:
-    """What workers have: the variables of now; and nobody hears that killed processes have left semaphores."""
+    """Return the environment of workers: the present variables, without warnings of left semaphores."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -182,13 +187,24 @@ def embedded_cluster(
     They listen on loopback only, and to each other only: every connection shows the certificate of this cluster, whose
     key is in the memory of its processes. They import nothing from the working directory, and not the main module.
 
-    Args:
-        n_workers: processes.
-        nice: how far their priority is below that of others, up to 19.
-        should_stop: asked several times a second, while they start: whether they shall not any more.
+    Parameters
+    ----------
+    n_workers : int
+        Processes.
+    nice : int
+        How far their priority is below that of others, up to 19.
+    should_stop : Callable[[], bool]
+        Says whether start-up was cancelled; called several times a second while the processes start.
 
-    Raises:
-        SurveyError: no processes are asked for, or they do not start, or shall not.
+    Yields
+    ------
+    Client
+        A client of the cluster.
+
+    Raises
+    ------
+    SurveyError
+        No processes are asked for, or they do not start, or shall not.
     """
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
@@ -232,13 +248,23 @@ def connect(url: str) -> Iterator[Client]:
     Its workers need this package in the same version, and the file system of the store. At `tls://host:8786`, dask's
     own settings `distributed.comm.tls` name the certificates.
 
-    Args:
-        url: address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read
-            anew at each call: a batch system starts the next scheduler elsewhere.
+    Parameters
+    ----------
+    url : str
+        Address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read anew
+        at each call: a batch system starts the next scheduler elsewhere.
 
-    Raises:
-        ClusterLostError: nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
-        SurveyError: its workers cannot run the kernels, or have other versions.
+    Yields
+    ------
+    Client
+        A client of the scheduler.
+
+    Raises
+    ------
+    ClusterLostError
+        Nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
+    SurveyError
+        Its workers cannot run the kernels, or have other versions.
     """
     url = _address_of(url)
     with ExitStack() as stack:
@@ -342,8 +368,10 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
 
 
 def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
-    """Give up tasks that must not go on beside others: return once no process computes them. One may have begun while
-    it was given up, which the scheduler does not know of; a worker without a nanny brings it to its end.
+    """Give up tasks that must not go on beside others: return once no process computes them.
+
+    One may have begun while it was given up, which the scheduler does not know of; a worker without a nanny brings it
+    to its end.
     """
     end_tasks(client, futures)
     quiet, keys = 0, {future.key for future in futures}

@@ -62,8 +62,9 @@ class Begun:
         self._spent += record.seconds
 
     def expect(self, tiles: Sequence[AnyTile], columns: int) -> None:
-        """Expect each of these tiles, all that are left, to cost what was foreseen near it; without anything foreseen,
-        one second a cell, until what ends tells the pace.
+        """Expect each of these tiles, all that are left, to cost what was foreseen near it.
+
+        Without anything foreseen, one second a cell, until what ends tells the pace.
         """
         self._expected = {tile.index: float(tile.n_cells) for tile in tiles}
         for index in self.partial.keys() - self._expected.keys():
@@ -82,8 +83,14 @@ class Begun:
         self._rest = math.fsum(self._expected.values())
 
     def in_order(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Sort tiles: those that were begun, then the most expensive ones, of equal ones all over the plane. A few stay
-        in their order.
+        """Sort tiles: those that were begun, then the most expensive ones, of equal ones all over the plane.
+
+        A few stay in their order.
+
+        Returns
+        -------
+        list[AnyTile]
+            The tiles in order.
         """
         if len(tiles) + len(self.foreseen) < MANY:
             return list(tiles)
@@ -116,6 +123,11 @@ def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
 
     Every second row and column comes before the others, of these every second one first, and so on, as in ordered
     dithering.
+
+    Returns
+    -------
+    list[AnyTile]
+        The tiles in order.
     """
 
     def rank(tile: AnyTile) -> int:

@@ -19,7 +19,7 @@ from rattle.numerics import environment
 ATTEMPTS = 2
 #: Processor time of one cell, in seconds: a hundred times what the slowest took that is known to end.
 CELL_SECONDS = 600
-_START = f"from {__name__} import serve; serve()"
+_START = f"from {__name__} import serve_cells; serve_cells()"
 
 
 def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
@@ -27,8 +27,15 @@ def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -
 
     A cell that kills it has status 3 and a message that names the signal, like any other cell that fails.
 
-    Args:
-        memory: bytes of data that the process may have; a cell that needs more fails.
+    Parameters
+    ----------
+    memory : int | None
+        Bytes of data that the process may have; a cell that needs more fails.
+
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
+        Arrays of the tile, and its record.
     """
     return compute_tile(request, tile, outcomes=_outcomes(request, tile, memory))
 
@@ -80,7 +87,7 @@ def _cause(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit status {code}"
 
 
-def serve() -> None:
+def serve_cells() -> None:
     """Evaluate the cells that stdin names, and write each outcome to stdout: the main function of the process."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is not an outcome
@@ -101,7 +108,7 @@ def serve() -> None:
 
 
 def _limit_next_cell() -> None:
-    """The system ends this process after a cell's processor time: nothing else interrupts a kernel."""
+    """Let the system end this process after a cell's processor time: nothing else interrupts a kernel."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     limit = int(time.process_time()) + CELL_SECONDS
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))

@@ -28,7 +28,7 @@ class _Item:
 
 
 class Joining(InFlight[_Item, Any]):
-    """What is done for each part of a survey on a cluster: `each` is that of `complete`."""
+    """Tasks for each part of a survey on a cluster: `each` is that of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Take what is asked several times a second whether this shall stop."""
@@ -45,10 +45,19 @@ class Joining(InFlight[_Item, Any]):
     def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Do a task with each of these arguments, as many as the cluster has threads at a time; results in order.
 
-        Raises:
-            StoppedError: because `should_stop` said so; no process computes any of it then.
-            SurveyError: it cannot be done.
-            ClusterLostError: the cluster is gone.
+        Returns
+        -------
+        list[Any]
+            Results, in order.
+
+        Raises
+        ------
+        StoppedError
+            Because `should_stop` said so; no process computes any of it then.
+        SurveyError
+            It cannot be done.
+        ClusterLostError
+            The cluster is gone.
         """
         found = [None] * len(items)
         self._waiting = deque(_Item(number, 1) for number in range(len(items)))

@@ -25,7 +25,7 @@ TRACKER = "multiprocessing.resource_tracker"
 
 
 class Start(NamedTuple):
-    """What the process is told on stdin: dask's settings, the scheduler, and the options of each worker's nanny."""
+    """Message to the process on stdin: dask's settings, the scheduler, and the options of each worker's nanny."""
 
     config: dict[str, Any]
     scheduler: str

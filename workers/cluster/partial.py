@@ -34,14 +34,19 @@ class PartialTile:
 
     @property
     def is_whole(self) -> bool:
-        """Whether no cell is left."""
+        """True if no cell is left."""
         return bool(self.done.all())
 
 
 def is_divisible(request: AnyRequest, cells: int) -> bool:
-    """Whether a tile of so many cells can take long and be computed in parts.
+    """Return whether a tile of so many cells can take long and be computed in parts.
 
     Closed forms take no time, and the leaves of a refined survey share cells.
+
+    Returns
+    -------
+    bool
+        True if it is divisible.
     """
     if cells < FEW:
         return False
@@ -58,11 +63,20 @@ def compute_partly(
     No cell depends on those that are computed with it, so the parts do not show. A group of cells is as large as the
     slowest cells of the tile allow: its corners and its middle are computed first, each alone, for an estimate.
 
-    Args:
-        before: what has been computed of it.
-        seconds: after these no further group of cells begins; one cell at least is computed.
-        expected: seconds of a cell in the slowest part of the survey so far. A tile that is quick even so is computed
-            at once: in groups it would take longer.
+    Parameters
+    ----------
+    before : PartialTile | None
+        What has been computed of it.
+    seconds : float
+        After these no further group of cells begins; one cell at least is computed.
+    expected : float
+        Seconds of a cell in the slowest part of the survey so far. A tile that is quick even so is computed at once: in
+        groups it would take longer.
+
+    Returns
+    -------
+    PartialTile
+        The tile with more cells computed.
     """
     began = time.perf_counter()
     part = before or _nothing(tile)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterator
 from distributed import Client, KilledWorker
 
 from gear_rattle.workers.cluster.in_flight import InFlight, Task
-from gear_rattle.workers.cluster.window import Frame, Grid, Part, PartValues, compute_part, map_quantity
+from gear_rattle.workers.cluster.window import Frame, Grid, PartValues, WindowPart, compute_part, map_quantity
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
@@ -21,7 +21,7 @@ AHEAD = 2  # parts of each thread: one at work, one that waits
 LOST = "the workers are gone, or being replaced: try again in a few seconds"
 
 
-def refined(
+def refined_frames(
     client: Client, survey: SurveyRequest, variable: str, index: int, should_stop: Callable[[], bool]
 ) -> Generator[Frame, None, None]:
     """Compute a map of a window, as `window_survey` has it, on a cluster: frames ever finer, the last one complete.
@@ -29,12 +29,22 @@ def refined(
     Blocks between frames; for a thread of its own. Nothing of it is left on the cluster when it ends or is closed, but
     for parts at work, of half a second or so.
 
-    Args:
-        should_stop: asked several times a second; after a stop there are no more frames.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool]
+        Asked several times a second; after a stop there are no more frames.
 
-    Raises:
-        SurveyError: there is no such map, or a part of it cannot be computed.
-        ClusterLostError: the cluster is gone.
+    Yields
+    ------
+    Frame
+        Frames ever finer.
+
+    Raises
+    ------
+    SurveyError
+        There is no such map, or a part of it cannot be computed.
+    ClusterLostError
+        The cluster is gone.
     """
     work = _Work(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
@@ -58,7 +68,7 @@ def refined(
         work.drop(lambda _: True)
 
 
-class _Work(InFlight[Part, PartValues]):
+class _Work(InFlight[WindowPart, PartValues]):
     """The parts of one window that are on the cluster."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
@@ -67,13 +77,15 @@ class _Work(InFlight[Part, PartValues]):
         self._delta, self._epsilon = survey.delta.values(), survey.epsilon.values()
         self._cells, self._seconds = 0, 0.0
 
-    def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[Part]:
-        """The parts of a level, of so many cells as take the time of a part by what was measured before it."""
+    def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[WindowPart]:
+        """Yield the parts of a level, of so many cells as take the time of a part by what was measured before it."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)
 
-    def run(self, parts: Iterator[Part], should_stop: Callable[[], bool]) -> Iterator[tuple[Part, PartValues]]:
+    def run(
+        self, parts: Iterator[WindowPart], should_stop: Callable[[], bool]
+    ) -> Iterator[tuple[WindowPart, PartValues]]:
         """Compute parts, each as soon as a thread is free for it, in any order."""
         left = next(parts, None)
         self._cells, self._seconds = 0, 0.0  # cells of a finer level are elsewhere, and may take longer
@@ -90,7 +102,7 @@ class _Work(InFlight[Part, PartValues]):
                 self._seconds += values.seconds
                 yield task.work, values
 
-    def after_error(self, _: Task[Part], error: BaseException) -> None:
+    def after_error(self, _: Task[WindowPart], error: BaseException) -> None:
         """No part is tried again: what a window shows is wanted now."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error

@@ -17,7 +17,7 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from gear_rattle.workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
+from gear_rattle.workers.certificates import Answers, AttractorClaim, certify_claims, certify_survey, require_proofs
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
 from gear_rattle.workers.cluster.isolation import compute_tile_apart
@@ -60,8 +60,14 @@ def advance_tile(
     expected: float,
     seconds: float,
 ) -> TileRecord | PartialTile:
-    """Compute a tile and write it to the store, or a part of it that takes so many seconds: the task that a cluster
-    runs, again if it has to. A tile that is computed apart has no parts.
+    """Compute a tile and write it to the store, or a part of it that takes so many seconds.
+
+    The task that a cluster runs, again if it has to. A tile that is computed apart has no parts.
+
+    Returns
+    -------
+    TileRecord | PartialTile
+        Record of the tile, or its computed part.
     """
     if apart or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, apart)
@@ -87,13 +93,24 @@ def _never() -> bool:
 def template_on(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
     """Return what `template_of` does, computed on a cluster: some curves take minutes to trace.
 
-    Args:
-        should_stop: asked several times a second; then the process that computes it is ended.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool]
+        Asked several times a second; then the process that computes it is ended.
 
-    Raises:
-        StoppedError: because `should_stop` said so.
-        SurveyError: it cannot be computed.
-        ClusterLostError: the cluster is gone.
+    Returns
+    -------
+    Template
+        The template.
+
+    Raises
+    ------
+    StoppedError
+        Because `should_stop` said so.
+    SurveyError
+        It cannot be computed.
+    ClusterLostError
+        The cluster is gone.
     """
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
@@ -127,8 +144,9 @@ def complete_on(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = _never,
 ) -> None:
-    """Do what `complete` does on a cluster, block by block, holding the store. Arguments and errors are those of
-    `template_on`, and its own. After a stop no process computes any of it.
+    """Do what `complete` does on a cluster, block by block, holding the store.
+
+    Arguments and errors are those of `template_on`, and its own. After a stop no process computes any of it.
     """
     place, joining = place_of(where), Joining(client, should_stop)
     with place.writing():
@@ -145,8 +163,8 @@ def certify_on(
     """Do what `certify_survey` does on a cluster. Its errors, and those of `template_on`: StoppedError after a stop."""
     joining = Joining(client, should_stop)
 
-    def prove(parts: Sequence[list[Claim]]) -> list[Answers]:
-        return joining.map(certified, [(part,) for part in parts])
+    def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
+        return joining.map(certify_claims, [(part,) for part in parts])
 
     return certify_survey(survey, out, prove, joining.several(), on_done)
 
@@ -170,21 +188,33 @@ def run_tiles(
     A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by cell in a
     process of its own: only the cells that kill it fail, and those that take too much processor time.
 
-    Args:
-        on_tile: called in this thread, with each tile that has been written.
-        should_stop: asked several times a second. After a stop this returns within seconds: tiles that end
-            meanwhile are reported, the others are left for the next run.
-        unwanted: asked after a stop: whether nobody wants the tiles at work, so that their processes are ended at once.
-        should_pause: asked several times a second: whether no more tasks shall begin. Those at work come to their end,
-            within PART_SECONDS unless one cell takes longer.
-        begun: what earlier runs have begun, before a pause; kept up to date.
-        on_left: called in this thread with the seconds that the tiles will still take, whenever that is known better.
+    Parameters
+    ----------
+    on_tile : Callable[[TileRecord], None]
+        Called in this thread, with each tile that has been written.
+    should_stop : Callable[[], bool]
+        Asked several times a second. After a stop this returns within seconds: tiles that end meanwhile are reported,
+        the others are left for the next run.
+    unwanted : Callable[[], bool]
+        Asked after a stop: whether nobody wants the tiles at work, so that their processes are ended at once.
+    should_pause : Callable[[], bool]
+        Asked several times a second: whether no more tasks shall begin. Those at work come to their end, within
+        PART_SECONDS unless one cell takes longer.
+    begun : Begun | None
+        What earlier runs have begun, before a pause; kept up to date.
+    on_left : Callable[[float], None]
+        Called in this thread with the seconds that the tiles will still take, whenever that is known better.
 
-    Raises:
-        StorageError: a tile cannot be written now (the disk is full or read-only); the message names it.
-        SurveyError: a tile cannot be computed; or another run holds the store.
-        ClusterLostError: the cluster is gone; the tiles not reported can be run on another.
-        MissingExtraError: the request asks for certificates, which the workers cannot make.
+    Raises
+    ------
+    StorageError
+        A tile cannot be written now (the disk is full or read-only); the message names it.
+    SurveyError
+        A tile cannot be computed; or another run holds the store.
+    ClusterLostError
+        The cluster is gone; the tiles not reported can be run on another.
+    MissingExtraError
+        The request asks for certificates, which the workers cannot make.
     """
     tiles = list(tiles)
     for tile in tiles:

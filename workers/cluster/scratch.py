@@ -19,6 +19,11 @@ def scratch_directory(root: str | None) -> Iterator[str]:
     ----------
     root : str or None
         Directory to make it in; by default that of temporary files.
+
+    Yields
+    ------
+    str
+        Path of the directory.
     """
     _remove_abandoned(root or tempfile.gettempdir())
     with tempfile.TemporaryDirectory(prefix=PREFIX, dir=root, ignore_cleanup_errors=True) as path:

@@ -51,8 +51,10 @@ class Submission(InFlight[Attempt, Found]):
         client: Client,
         partial: dict[int, PartialTile] | None = None,
     ) -> None:
-        """Take the task: of the request, the path, a tile, whether it is computed apart, what is computed of it,
-        seconds of a cell in the slowest part so far, and of this task.
+        """Take the task and its arguments.
+
+        The task takes the request, the path, a tile, whether it is computed apart, its partial values, seconds of a
+        cell in the slowest part so far, and of this task.
 
         partial: tiles of which a part is computed, by index; kept up to date.
         """
@@ -71,6 +73,11 @@ class Submission(InFlight[Attempt, Found]):
         """Return how many more tiles keep every thread busy.
 
         None waits at a worker: dask counts a worker's death against everything that is there, and would blame it.
+
+        Returns
+        -------
+        int
+            Number of tiles.
         """
         self.n_threads = self.threads(WORKERLESS_SECONDS)
         return max(self.n_threads - len(self.in_flight), 0)
@@ -82,9 +89,18 @@ class Submission(InFlight[Attempt, Found]):
 
     def repeat_late_tiles(self, again: bool) -> int:
         """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts.
+
         Return how many.
 
-        again: also those that have been repeated; they may only be slow, and others would wait for the workers.
+        Parameters
+        ----------
+        again : bool
+            Also those that have been repeated; they may only be slow, and others would wait for the workers.
+
+        Returns
+        -------
+        int
+            Number of tiles.
         """
         late_since = time.monotonic() - max(LATE_SECONDS, LATE_FACTOR * self._longest)
         attempts = Counter(each.work.tile.index for each in self.in_flight.values())
@@ -112,8 +128,14 @@ class Submission(InFlight[Attempt, Found]):
             self._again_apart(task.work.tile)
 
     def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
-        """Return the record of the next tile that ends, or a tile of which a part is computed now; None if there is
-        neither in this time.
+        """Return the record of the next tile that ends, or a tile of which a part is computed now.
+
+        None if there is neither in this time.
+
+        Returns
+        -------
+        TileRecord | AnyTile | None
+            The record, the tile, or None.
         """
         if (ended := self.next_ended(seconds)) is None:
             return None
@@ -165,7 +187,7 @@ class Submission(InFlight[Attempt, Found]):
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
     def _idle(self) -> list[str]:
-        """The workers with nothing to do, those first that have no result which nobody got: they may be frozen."""
+        """Return the idle workers, those first that have no result which nobody got: they may be frozen."""
         try:
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
             held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])

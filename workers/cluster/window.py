@@ -29,7 +29,7 @@ RESOLVED = 4  # units in the last place between neighbouring values of an axis
 CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # where they are: at once at full resolution
 
 
-class Part(NamedTuple):
+class WindowPart(NamedTuple):
     """Some cells of a window's grid: every so many rows and columns of it."""
 
     epsilon: slice
@@ -37,7 +37,7 @@ class Part(NamedTuple):
 
 
 class PartValues(NamedTuple):
-    """What became of a part: values (n_epsilon, n_delta), cells that failed, and seconds."""
+    """Result of a part: values (n_epsilon, n_delta), cells that failed, and seconds."""
 
     values: np.ndarray
     failed: int
@@ -78,9 +78,17 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
     All else is as in `request`, what it has by default too, but for the tile, the default one; nothing is proved.
 
-    Raises:
-        ParameterError: the window or its pixels are no numbers, or out of range.
-        SurveyError: the window is empty, outside the plane or too narrow.
+    Returns
+    -------
+    SurveyRequest
+        The request.
+
+    Raises
+    ------
+    ParameterError
+        The window or its pixels are no numbers, or out of range.
+    SurveyError
+        The window is empty, outside the plane or too narrow.
     """
     axes = {}
     try:
@@ -122,24 +130,24 @@ class Grid:
         at_once = survey.in_closed_form and quantity.group in CLOSED_FORM
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
-    def blocks(self, level: int) -> tuple[Part, ...]:
-        """The cells of a level that no level before has, as one or two parts."""
+    def blocks(self, level: int) -> tuple[WindowPart, ...]:
+        """Return the cells of a level that no level before has, as one or two parts."""
         step = 2**level
         if level == self.levels[0]:
-            return (Part(slice(0, None, step), slice(0, None, step)),)
+            return (WindowPart(slice(0, None, step), slice(0, None, step)),)
         odd, even, every = (slice(start, None, by) for start, by in ((step, 2 * step), (0, 2 * step), (0, step)))
-        return Part(odd, every), Part(even, odd)
+        return WindowPart(odd, every), WindowPart(even, odd)
 
-    def parts(self, block: Part, cells: int) -> Iterator[Part]:
+    def parts(self, block: WindowPart, cells: int) -> Iterator[WindowPart]:
         """Cut a block into parts of about so many cells: bands of rows, or pieces of a row."""
         rows, columns = range(self.epsilon.size)[block.epsilon], range(self.delta.size)[block.delta]
         band = max(1, cells // max(len(columns), 1))
         piece = len(columns) if cells >= len(columns) else max(1, cells)
         for i in range(0, len(rows), band):
             for j in range(0, len(columns), piece):
-                yield Part(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
+                yield WindowPart(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
 
-    def put(self, part: Part, found: PartValues) -> None:
+    def put(self, part: WindowPart, found: PartValues) -> None:
         """Enter the values of a part."""
         self.values[part] = found.values
         self.known[part] = True

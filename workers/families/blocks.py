@@ -12,7 +12,7 @@ import zarr
 
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
+from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, attractors_in_slots
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
@@ -37,7 +37,7 @@ class Block:
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def kept(self, what: str) -> str:
-        """The key of what is kept of it while a survey is joined."""
+        """Return the key of what is kept of it while a survey is joined."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
@@ -45,7 +45,7 @@ COMPONENTS, TARGETS = "components", "slots"  # what is kept
 
 
 def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
-    """The blocks that cover the grid of a survey without a third axis, or of a slice, row by row."""
+    """Return the blocks that cover the grid of a survey without a third axis, or of a slice, row by row."""
     side, (rows, columns) = max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots)), request.shape
     return [
         Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
@@ -55,7 +55,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """A rectangle and the cells around it; before=0: only those after it."""
+    """Return a rectangle and the cells around it; before=0: only those after it."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -65,26 +65,34 @@ def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Recta
 
 
 def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Whether cells, by their number in the grid, are in a rectangle."""
+    """Return whether cells, by their number in the grid, are in a rectangle."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
 
 
 def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """A table whose cells are numbered in a rectangle instead of in the grid."""
+    """Return a table whose cells are numbered in a rectangle instead of in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
 def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """A table whose cells are numbered in the grid instead of in a rectangle."""
+    """Return a table whose cells are numbered in the grid instead of in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
 def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
-    """The attractors that a survey lists in a rectangle of a slice, in their order, with their cells in the grid."""
+    """Return the attractors that a survey lists in a rectangle of a slice, with their cells in the grid.
+
+    In their order.
+
+    Returns
+    -------
+    Slots
+        The attractors.
+    """
     at: tuple[int | slice | EllipsisType, ...] = (
         *along,
         ...,
@@ -93,18 +101,18 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
     )
     with reading(f"the attractors of {place}"):
         values = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in STORED}
-    found = listed(values, request.initial_conditions.count)
+    found = attractors_in_slots(values, request.initial_conditions.count)
     return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Of the attractors of a block, with what entered it, in their order: which component of the block each is of."""
+    """Return the component of the block for each of its attractors, with those that entered it, in their order."""
     with reading(f"what is kept of {place}"):
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle:
-    """The cells that are in both of two rectangles; none if it ends before it begins."""
+    """Return the cells that are in both of two rectangles; none if it ends before it begins."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
@@ -114,8 +122,14 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """The slots (places, m, n) in which the first, the second, … listed attractor of the cells of a rectangle is to be,
-    −1: there is none; blocks: those that cover it.
+    """Return the slots (places, m, n) for the first, the second, … listed attractor of the cells of a rectangle.
+
+    blocks: those that cover it.
+
+    Returns
+    -------
+    np.ndarray
+        Slots; −1: there is none.
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
@@ -128,7 +142,7 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
 
 
 def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
-    """Where a part of a rectangle is in an array (slots, m, n) over it."""
+    """Return the position of a part of a rectangle in an array (slots, m, n) over it."""
     return (
         slice(None),
         slice(part.top - whole.top, part.bottom - whole.top),
@@ -137,6 +151,6 @@ def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
 
 
 def place_in_cell(cell: np.ndarray) -> np.ndarray:
-    """How many rows of the same cell are before each of a table in its order."""
+    """Return how many rows of the same cell are before each of a table in its order."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

@@ -14,19 +14,36 @@ from gear_rattle.workers.boundaries.edges import Edges, edges_of
 from gear_rattle.workers.errors import reading, storage_error
 from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
 from gear_rattle.workers.families.move import move_tile
-from gear_rattle.workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
+from gear_rattle.workers.families.tasks import (
+    Border,
+    Connected,
+    Told,
+    connect_block,
+    enter_block,
+    tell_block,
+    write_families,
+)
 from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import known_manifest, noting
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
-from gear_rattle.workers.survey.manifest import path_of
+from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, tiles_at
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
-from rattle.families import NO_FAMILY, QUIET_FAMILY, added, in_order, no_attractors, numbers_of, tabulated, together
+from rattle.families import (
+    NO_FAMILY,
+    QUIET_FAMILY,
+    add_sums,
+    in_order,
+    no_attractors,
+    numbers_of,
+    tabulate_families,
+    together,
+)
 
 #: Of a curve in the store: its points and what joins them.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
@@ -35,7 +52,7 @@ Rows = TypeVar("Rows", Attractors, Border)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether a survey, whose tiles are all there, is still to be joined."""
+    """Return whether a survey, whose tiles are all there, is still to be joined."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
@@ -45,9 +62,12 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
     The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
     which they came shows. A run that was killed meanwhile leaves a survey without families, which is joined anew.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     place = place_of(where)
     joins = [_Join(request, place, each, at_once, along) for along in request.slices]
@@ -57,7 +77,8 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
         added_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
         place.remove([block.kept(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)])
     except OSError as error:
-        raise storage_error(f"the families of {place} cannot be written", error) from error
+        refusal = storage_error(f"the families of {place} cannot be written", error)
+        raise refusal from error
 
 
 class _Join:
@@ -74,13 +95,13 @@ class _Join:
         """Join the slice, and write the families of its cells: all of them, where they end, and digests of chunks."""
         curves = _curves(self._request, self._place, self.along)
         entered = self._entered()
-        parts: list[Connected] = self._of_blocks(connect, zip(entered, self._after(entered), strict=True))
+        parts: list[Connected] = self._of_blocks(connect_block, zip(entered, self._after(entered), strict=True))
         component = self._components(parts)
         told = self._told(entered, parts, component, curves)
-        sums = added(each.sums for each in told)
+        sums = add_sums(each.sums for each in told)
         family = numbers_of(sums)
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
-        table = tabulated(delta, epsilon, self._request.initial_conditions.count, sums)
+        table = tabulate_families(delta, epsilon, self._request.initial_conditions.count, sums)
         slots = self._slots(told, family, table.cells.size)
         chunks = self._written(entered, [family[each] for each in component], slots)
         orbits = together(*entered)
@@ -94,13 +115,13 @@ class _Join:
         return self._each(task, self._request, str(self._place), items)
 
     def _near(self, block: Block) -> list[int]:
-        """A block and those around it."""
+        """Return a block and those around it."""
         steps = product((-1, 0, 1), repeat=2)
         found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
         return [i for i in found if i is not None]
 
     def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Of tables of the blocks, the rows in the cells around one of them; before = 0: in those after it."""
+        """Return the rows of the tables of blocks in the cells around one of them; before = 0: in those after it."""
         frame = with_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._near(block)]
         rim = [
@@ -109,7 +130,7 @@ class _Join:
         return type(near[0]).concat([table.take(at) for table, at in zip(near, rim, strict=True)])
 
     def _around(self, tile: Tile) -> list[Block]:
-        """The blocks that cover a tile."""
+        """Return the blocks that cover a tile."""
         side = self.blocks[0].side
         rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
@@ -118,9 +139,17 @@ class _Join:
         return [self._beside(block, tables, before=0) for block in self.blocks]
 
     def _entered(self) -> list[Attractors]:
-        """What enters each block, in rounds: what is new in one is continued into those beside it, until nothing is."""
+        """Return the attractors that enter each block, in rounds until no block gets a new one.
+
+        A new attractor of one block is continued into its neighbours.
+
+        Returns
+        -------
+        list[Attractors]
+            Attractors by block.
+        """
         nothing = no_attractors()
-        new: list[Attractors] = self._of_blocks(enter, [(nothing, None)] * len(self.blocks))
+        new: list[Attractors] = self._of_blocks(enter_block, [(nothing, None)] * len(self.blocks))
         entered = list(new)
         while True:
             beside = [self._beside(block, new) for block in self.blocks]
@@ -129,11 +158,11 @@ class _Join:
                 return entered
             items = [(self.blocks[i], entered[i], beside[i]) for i in again]
             new = [nothing] * len(self.blocks)
-            for i, found in zip(again, self._each(enter, self._request, str(self._place), items), strict=True):
+            for i, found in zip(again, self._each(enter_block, self._request, str(self._place), items), strict=True):
                 new[i], entered[i] = found, together(entered[i], found)
 
     def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
-        """The components of the survey: of each of a block's, and of −1."""
+        """Return the components of the survey: of each of a block's, and of −1."""
         from scipy.sparse import coo_array  # an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
@@ -163,10 +192,10 @@ class _Join:
         first = [
             part.first.replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
         ]
-        return self._of_blocks(tell, zip(entered, component, self._after(first), passed, strict=True))
+        return self._of_blocks(tell_block, zip(entered, component, self._after(first), passed, strict=True))
 
     def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
-        """The slot of each family in all its cells, and of −1."""
+        """Return the slot of each family in all its cells, and of −1."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
@@ -197,18 +226,18 @@ class _Join:
 
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
-    """The borders of all blocks, whose components begin with these numbers."""
+    """Return the borders of all blocks, whose components begin with these numbers."""
     found = Border.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
 def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """The curves of a slice, as they were traced for its template."""
+    """Return the curves of a slice, as they were traced for its template."""
     found: dict[str, Polyline] = {}
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:
             delta, epsilon, piece = (
-                np.asarray(zarr.open_array(place.zarr(), path=path_of(along, f"curves/{name}/{each}"), mode="r")[:])
+                np.asarray(zarr.open_array(place.zarr(), path=group_path(along, f"curves/{name}/{each}"), mode="r")[:])
                 for each in CURVE_POINTS
             )
             found[name] = delta, epsilon, piece

@@ -1,4 +1,4 @@
-"""What is in the slots of a tile, moved to the slots of its families."""
+"""Move the attractors of a tile to the slots of its families."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targe
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
-from gear_rattle.workers.survey.families import listed, with_empty
+from gear_rattle.workers.survey.families import attractors_in_slots, with_empty
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
@@ -20,11 +20,22 @@ from rattle.families import Rectangle
 def move_tile(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
 ) -> Mapping[str, str]:
-    """Move what is in the slots of a tile; one in which everything is in place is left as it is. Returns the digests of
-    its chunks, by their key.
+    """Move what is in the slots of a tile; one in which everything is in place is left as it is.
 
-    blocks: those that cover it; known: the digests of its chunks before. A tile that a task before this was moving when
-    its worker died is neither as it was nor as it is to be: it is computed again.
+    Returns the digests of its chunks, by their key.
+
+    A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
+    computed again.
+
+    Parameters
+    ----------
+    blocks : Sequence[Block]
+        Those that cover it; known: the digests of its chunks before.
+
+    Returns
+    -------
+    Mapping[str, str]
+        Digests of its chunks, by their key.
     """
     values = read_tile(request, path, tile, known)
     computed = values is not None
@@ -47,7 +58,7 @@ def _source(
     """From which slot each slot of a tile (slots, m, n) gets what is in it."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
-    found = listed(values, request.initial_conditions.count)
+    found = attractors_in_slots(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
     source[target[place_in_cell(cell), cell], cell] = found.slot

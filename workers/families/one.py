@@ -32,17 +32,27 @@ PER_CELL = {
 
 
 def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:
-    """One family of a survey that was computed with families, as a map over (epsilon, delta).
-
-    slice_number: of a survey with a third axis, from 0: each slice has families of its own.
+    """Return one family of a survey that was computed with families, as a map over (epsilon, delta).
 
     fraction, with its upper bound: NaN where the family is not; 0 where its orbit exists and no sample went to it.
     phase, velocity: a point of it; lyapunov and, of a periodic one, multiplier, the size of each (exponent, …);
     attractors: how many of them the cell has, whose shares are added and of which the largest is told. Attributes: its
     row of the group `families`.
 
-    Raises:
-        SurveyError: there is no survey, it has no families, or none of this number, or no such slice.
+    Parameters
+    ----------
+    slice_number : int | None
+        Of a survey with a third axis, from 0: each slice has families of its own.
+
+    Returns
+    -------
+    xr.Dataset
+        The map.
+
+    Raises
+    ------
+    SurveyError
+        There is no survey, it has no families, or none of this number, or no such slice.
     """
     return family_of(lambda group: open_survey(path_or_url, group), str(path_or_url), number, slice_number)
 
@@ -50,8 +60,19 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
 def family_of(
     opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
 ) -> xr.Dataset:
-    """The same of a survey that is told of by its name, and that `opened` opens, or a group of it. Raises as
-    `open_family`.
+    """Return the same of a survey that is told of by its name, and that `opened` opens, or a group of it.
+
+    Raises as `open_family`.
+
+    Returns
+    -------
+    xr.Dataset
+        The map.
+
+    Raises
+    ------
+    SurveyError
+        If there are no families, or none of this number.
     """
     import xarray as xr
 
@@ -87,7 +108,7 @@ def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, n
     at = entered["entered_row"].values, entered["entered_column"].values
 
     def best(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Of the attractor with the largest share, or else of the entered orbit."""
+        """Return the value of the attractor with the largest share, or else of the entered orbit."""
         values = np.asarray(survey[f"attractor_{name}"], float)
         index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
         found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)

@@ -1,4 +1,4 @@
-"""What is done with one block of a survey, or one tile, while its attractors are joined.
+"""Process one block of a survey, or one tile, while its attractors are joined.
 
 Each task is a function of what the tiles hold and of its arguments, and may be done twice.
 """
@@ -14,7 +14,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.boundaries.edges import Ends, ends_in
+from gear_rattle.workers.boundaries.edges import FamilyEnds, ends_in
 from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
@@ -68,18 +68,24 @@ class Connected(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What a block tells of components of the survey: their sums, where they end, and which are listed in one cell."""
+    """Summary of a block's components: their sums, their ends, and those listed in one cell."""
 
     sums: Sums
-    ends: Ends
+    ends: FamilyEnds
     pairs: np.ndarray
 
 
-def enter(
+def enter_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
-    """What enters a block from its own attractors and those around it; or, after it has entered, from orbits beside it
-    that are new.
+    """Return the attractors that enter a block, from its own and those around it.
+
+    Or, after it has entered, from orbits beside it that are new.
+
+    Returns
+    -------
+    Attractors
+        The entered attractors.
     """
     columns = request.shape[1]
     cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
@@ -96,9 +102,17 @@ def enter(
     return numbered_over(new, frame, columns)
 
 
-def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors) -> Connected:
-    """Join the attractors of a block with each other and with those that follow it; entered: what entered the block,
-    beside: what entered these. Keeps the component of each.
+def connect_block(
+    request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors
+) -> Connected:
+    """Join the attractors of a block with each other and with those that follow it.
+
+    Entered: what entered the block, beside: what entered these. Keeps the component of each.
+
+    Returns
+    -------
+    Connected
+        Components and their links.
     """
     place, columns = place_of(path), request.shape[1]
     frame = with_rim(block.cells, request.shape, before=0)
@@ -124,7 +138,7 @@ def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors
     return Connected(1 + mine.size, on_first, on_beyond, given[n : n + entered.cell.size])
 
 
-def tell(
+def tell_block(
     request: SurveyRequest,
     path: str,
     block: Block,
@@ -133,8 +147,19 @@ def tell(
     beyond: Border,
     crossings: Sequence[Crossings],
 ) -> Told:
-    """Tell what a block has of the components of the survey; component: these, of its own and −1. beyond: of the
-    attractors that follow it.
+    """Tell what a block has of the components of the survey.
+
+    Component: these, of its own and −1.
+
+    Parameters
+    ----------
+    beyond : Border
+        Of the attractors that follow it.
+
+    Returns
+    -------
+    Told
+        The summary.
     """
     place = place_of(path)
     found = attractors_in(request, place, block.cells, block.along)
@@ -149,8 +174,14 @@ def tell(
 def write_families(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
 ) -> str:
-    """Write the families of a block, and keep the slots of its attractors; family, slot: of each of its components and
-    −1, slot −1: none in all cells. Returns the digest of what was written.
+    """Write the families of a block, and keep the slots of its attractors.
+
+    Family, slot: of each of its components and −1, slot −1: none in all cells. Returns the digest of what was written.
+
+    Returns
+    -------
+    str
+        Digest of the written file.
     """
     place, cells = place_of(path), block.cells
     found = attractors_in(request, place, cells, block.along)
@@ -177,8 +208,14 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
 
 
 def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """The attractors of a block in their order, their components in it, and whether its tiles list them; found: those
-    that they list.
+    """Return the attractors of a block in their order, their components in it, and whether its tiles list them.
+
+    Found: those that they list.
+
+    Returns
+    -------
+    tuple[Attractors, np.ndarray, np.ndarray]
+        Attractors, components and flags.
     """
     table = together(found.attractors, entered)
     order = in_order(table)
@@ -187,7 +224,7 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Which components are in one cell (k, 2), the smaller one first; rows in their order."""
+    """Return the components that are in one cell (k, 2), the smaller one first; rows in their order."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

@@ -18,19 +18,29 @@ class SurveyAccessor:
         self._survey = survey
 
     def plot(self, variable: str = "region", index: int = 0, slice_number: int | None = None) -> Figure:
-        """Draw a variable over the (δ, ε) plane: codes with their names and colours, numbers with their unit, the
-        bifurcation curves that explain it, and why a cell has no value.
+        """Draw a variable over the (δ, ε) plane.
 
-        Args:
-            variable: any variable over (epsilon, delta), by default the regions.
-            index: which orbit, or slot of attractors, if the variable has several.
-            slice_number: which value of the third axis, from 0, if the survey has one.
+        Codes with their names and colours, numbers with their unit, the bifurcation curves that explain it, and why a
+        cell has no value.
 
-        Returns:
+        Parameters
+        ----------
+        variable : str
+            Any variable over (epsilon, delta), by default the regions.
+        index : int
+            Which orbit, or slot of attractors, if the variable has several.
+        slice_number : int | None
+            Which value of the third axis, from 0, if the survey has one.
+
+        Returns
+        -------
+        Figure
             A matplotlib figure, which notebooks show and `savefig` writes.
 
-        Raises:
-            SurveyError: the survey has no such map, or it cannot be read.
+        Raises
+        ------
+        SurveyError
+            The survey has no such map, or it cannot be read.
         """
         from gear_rattle.workers.pictures.maps import map_figure
         from gear_rattle.workers.survey.slices import slice_of

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
-from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import REGIONS
 from rattle.plot import HALO, new_figure
@@ -24,8 +24,15 @@ PANELS = {
 def survey_figure(dataset: xr.Dataset) -> Figure:
     """Draw a survey, finished or not: a panel each for regions, quiet fraction and largest Lyapunov exponent.
 
-    Raises:
-        SurveyError: the survey has none of the three.
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Raises
+    ------
+    SurveyError
+        The survey has none of the three.
     """
     model = surveyed_model(dataset)
     panels = [name for name in PANELS if name in dataset]
@@ -42,7 +49,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     if "region" in curves:
         axes, drawn = curves["region"]
         _name_regions(axes, dataset)
-        draw_points(axes, dataset, drawn)
+        draw_points_over(axes, dataset, drawn)
     return figure
 
 
@@ -60,8 +67,14 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
 
 
 def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each of these codes that occurs (m, n) the row and column where it is widest, and how many cells it is
-    from there to another one.
+    """Return for each of these codes that occurs (m, n) the row and column where it is widest.
+
+    And how many cells it is from there to another one.
+
+    Returns
+    -------
+    dict[int, tuple[int, int, float]]
+        Row, column and distance by code.
     """
     from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
 

@@ -1,5 +1,7 @@
-"""The families of a survey as maps: the largest one of each cell, as codes with names and colours, and the share of
-one. They follow from what the store holds, when they are read, a band of rows after the other.
+"""The families of a survey as maps.
+
+The largest one of each cell, as codes with names and colours, and the share of one. They follow from what the store
+holds, when they are read, a band of rows after the other.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
-from rattle.plot import KIND_COLOURS, Palette, name_of
+from rattle.plot import KIND_COLOURS, Palette, legend_name
 
 OTHERS = 31  # the last code: as many as a level tells apart, the first of which is none
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
@@ -36,11 +38,24 @@ LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """An open survey, or this slice of it; with its families as maps if one of them is what is asked for.
-
-    opened: opens the survey, or a group of it.
+    """Return an open survey, or this slice of it; with its families as maps if one of them is what is asked for.
 
     Raises SurveyError: no slice is meant; there are no families, or too many cells.
+
+    Parameters
+    ----------
+    opened : Callable[[str | None], xr.Dataset]
+        Opens the survey, or a group of it.
+
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
+    Raises
+    ------
+    SurveyError
+        If no slice is meant, there are no families, or too many cells.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -55,7 +70,15 @@ def open_maps(
 
 
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
-    """A survey, or a slice of it, with two more variables: LARGEST (among, epsilon, delta) and SHARE (family, …)."""
+    """Return a survey, or a slice of it, with two more variables.
+
+    LARGEST (among, epsilon, delta) and SHARE (family, …).
+
+    Returns
+    -------
+    xr.Dataset
+        The survey with both.
+    """
     with reading("the families"):
         names, colours = names_of(survey, table), colours_of(table)
     if len(names) > OTHERS - 1:
@@ -79,20 +102,20 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """What the first families are called: by number and label, of the impacting gear with the letter of C and D."""
+    """Return the names of the first families: by number and label, of the impacting gear with the letter of C and D."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
     for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
         motion = (label[0], label[1], label[2])
-        name = name_of(motion) if kind == PERIODIC else {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
+        name = legend_name(motion) if kind == PERIODIC else {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
         letter = f" = {letters[motion]}" if kind == PERIODIC and motion in letters else ""
         found.append(f"{number}: {name}{letter}" if number else name)
     return found
 
 
 def colours_of(table: xr.Dataset) -> list[str]:
-    """The colours of the first families: those of their motions, and of a motion's second family another one."""
+    """Return the colours of the first families: those of their motions, and of a motion's second family another one."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -101,10 +124,19 @@ def colours_of(table: xr.Dataset) -> list[str]:
 
 
 def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
-    """The family, `first` or a later one, with the largest share of the samples of each cell; −1: none has any.
+    """Return the family, `first` or a later one, with the largest share of the samples of each cell; −1: none has any.
 
-    family, share: (slots, …), family −1 where a slot has none. Slots of one family are added; of equal shares the lower
-    number wins.
+    Slots of one family are added; of equal shares the lower number wins.
+
+    Parameters
+    ----------
+    family, share : np.ndarray
+        (slots, …), family −1 where a slot has none.
+
+    Returns
+    -------
+    np.ndarray
+        Number of the family in each cell.
     """
     share = np.where(family >= first, np.nan_to_num(share), 0.0)
     best, most = np.full(family.shape[1:], -1, np.int32), np.zeros(family.shape[1:])
@@ -116,7 +148,7 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
 
 
 class _OfFamilies(BackendArray):
-    """What is computed of the slots of a survey when it is read; index: along the first dimension."""
+    """Values computed of the slots of a survey when it is read; index: along the first dimension."""
 
     def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
         self._family, self._fraction = survey[FAMILY], survey["attractor_fraction"]
@@ -137,7 +169,7 @@ class _OfFamilies(BackendArray):
         return found.reshape([size for each in asked for size in np.shape(each)])
 
     def _of(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Of rows and columns, some of each."""
+        """Return the values of some rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
         cells = np.ix_(rows - rows.min(), columns - columns.min())

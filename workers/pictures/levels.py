@@ -1,5 +1,6 @@
-"""What a picture shows of a survey that has more cells than the picture has room for: of cells that become one, what is
-rare among them. So no island is lost, however small it becomes.
+"""Reduce a survey that has more cells than a picture has room for.
+
+Of cells that become one, what is rare among them. So no island is lost, however small it becomes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.workers.errors import reading
-from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
@@ -29,8 +30,8 @@ OpenGroup = Callable[[str], xr.Dataset | None]
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What is shown of cells (epsilon, delta): float32, and the status of each.
+class DisplayedCells:
+    """Displayed cells (epsilon, delta): float32, and the status of each.
 
     Shares are those of the survey's own cells, not of what is shown: of codes, and of cells that have no number.
     """
@@ -42,28 +43,34 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Part:
+class LevelPart:
     """Cells of a map, or of a level of it, that are together; along (epsilon, delta)."""
 
     level: Level | None
     at: tuple[slice, slice]
 
 
-def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Part:
-    """The finest of these levels in which a window, from its first cells to its end, has no more cells than there is
-    room for; the coarsest if it has more in all. None stands for the map itself.
+def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
+    """Return the finest of these levels in which a window has no more cells than there is room for.
+
+    From its first cells to its end; the coarsest if it has more in all.
+
+    Returns
+    -------
+    Part
+        The part; None stands for the map itself.
     """
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
         rows, columns = (slice(a // each, -(-b // each)) for a, b, each in zip(first, end, cells, strict=True))
-        found = Part(level, (rows, columns))
+        found = LevelPart(level, (rows, columns))
         if rows.stop - rows.start <= room[0] and columns.stop - columns.start <= room[1]:
             break
     return found
 
 
-def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> Seen:
-    """What is seen of cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
+def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
+    """Return the displayed cells of a map (m, n), as `drawn_numbers` has them, that begin where a level's cell does."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -77,8 +84,14 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
 
 
 def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
-    """As `reduce.codes` makes the last of all its levels, whose cells have so many rows: a band after the other, for it
-    takes hundreds of bytes a cell.
+    """Return the last of all levels that `reduce.codes` makes, whose cells have so many rows.
+
+    A band after the other, for it takes hundreds of bytes a cell.
+
+    Returns
+    -------
+    reduce.Codes
+        The codes.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
@@ -89,8 +102,10 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
     return reduce.Codes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]) -> Seen:
-    """What is seen of a part of a level, as it is stored; plane: the same map of the survey."""
+def of_level(
+    plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
+) -> DisplayedCells:
+    """Return the displayed cells of a part of a level, as it is stored; plane: the same map of the survey."""
     name = str(plane.name)
 
     def read(name: str) -> np.ndarray:
@@ -108,11 +123,22 @@ def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, 
 
 
 def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
-    """An open survey, or a slice of it, with one map alone, in so few cells that a picture has room for them.
+    """Return an open survey, or a slice of it, with one map alone, in so few cells that a picture has room for them.
 
-    opened: of the same survey or slice; without levels in the store the map is read in whole.
+    Parameters
+    ----------
+    opened : OpenGroup | None
+        Of the same survey or slice; without levels in the store the map is read in whole.
 
-    Raises SurveyError: there is no such map, or it cannot be read.
+    Returns
+    -------
+    xr.Dataset
+        The reduced map.
+
+    Raises
+    ------
+    SurveyError
+        : there is no such map, or it cannot be read.
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
@@ -124,7 +150,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
         seen = of_level(plane, stored, index, level, part.at)
     else:
         with reading(f"the map of {variable}"):
-            cells = numbers(with_periodic(dataset, plane.load(), index))
+            cells = drawn_numbers(with_periodic(dataset, plane.load(), index))
             seen = of_cells(plane, cells, np.asarray(dataset["status"]), level)
     axes = {name: centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
@@ -138,7 +164,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     )
 
 
-def groups_of(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
+def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
     """Levels of a survey, or of a slice of it, by how a group of its store is opened."""
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
@@ -153,7 +179,7 @@ def _number_of_codes(plane: xr.DataArray) -> int:
 
 
 def _status(states: reduce.Codes) -> np.ndarray:
-    """That a cell failed is told if one did."""
+    """Return the status of the cells: failed if one did."""
     failed = (states.occurs >> FAILED & 1).astype(bool)
     found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
     return found
@@ -166,9 +192,16 @@ def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
     return found
 
 
-def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> Seen:
-    """Of the codes of a cell but one that most of its cells have, that is shown which is in the fewest of the cells
-    about it, or else of this picture; rows, columns: how many cells of the survey these have.
+def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
+    """Return codes, each the most frequent one or a rarer one.
+
+    Of the codes of a cell but the most frequent one, the one is displayed that is in the fewest of the cells about it,
+    or else of this picture; rows, columns: how many cells of the survey these have.
+
+    Returns
+    -------
+    Seen
+        The displayed cells.
     """
     values = found.most.astype(np.int64)
     others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
@@ -183,7 +216,9 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
         around = _around(cells[code])
         better = (shown >> code & 1).astype(bool) & (around < fewest)
         values[better], fewest[better] = code, around[better]
-    return Seen(values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns)))
+    return DisplayedCells(
+        values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns))
+    )
 
 
 def _around(cells: np.ndarray) -> np.ndarray:
@@ -206,8 +241,8 @@ def _shares(
     }
 
 
-def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> Seen:
-    """A number is the mean, or an extreme that is rare; none where to have none is rare."""
+def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
+    """Return numbers: the mean, or an extreme that is rare; none where having none is rare."""
     mean, least, largest, share = statistics.astype(float)
     with np.errstate(invalid="ignore"):
         above, below = largest - mean, mean - least
@@ -224,4 +259,4 @@ def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes)
         values = np.where(((share < 1) & (share > 0.5)) | (share == 0), lacking, values)
     known = np.isfinite(share)
     without = None if infinite.any() or not known.any() else float(1 - share[known].mean())
-    return Seen(values.astype(np.float32), _status(states), without=without)
+    return DisplayedCells(values.astype(np.float32), _status(states), without=without)

@@ -48,9 +48,11 @@ def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
 
 @dataclass(frozen=True)
 class Look:
-    """delta, epsilon: (low, high) of the window, None: of all cells. span: the colours go as in all pictures, over the
+    """Options of a picture: window, colours, lines, family and caption.
+
+    delta, epsilon: (low, high) of the window, None: of all cells. span: the colours go as in all pictures, over the
     middle 96 % of the values, over all, or from low to high; log: evenly in the logarithm. lines: some of LINES, None:
-    those that explain the map. family: the cells in which it is not are dimmed. caption: what is written below.
+    those that explain the map. family: the cells in which it is not are dimmed. caption: the text below.
     """
 
     delta: Pair | None = None
@@ -62,16 +64,16 @@ class Look:
     caption: str = ""
 
     def cut(self, dataset: xr.Dataset) -> xr.Dataset:
-        """The cells of a survey that the window shows, and those around them."""
+        """Return the cells of a survey that the window shows, and those around them."""
         windows = {"delta": self.delta, "epsilon": self.epsilon}
         return dataset.isel({axis: _around(dataset[axis].values, *at) for axis, at in windows.items() if at})
 
     def with_caption(self, caption: str) -> Look:
-        """The same, with this written below."""
+        """Return the same, with this written below."""
         return replace(self, caption=caption)
 
     def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
-        """The scale of the colours of these values, which pictures have on this one."""
+        """Return the scale of the colours of these values, which pictures have on this one."""
         from matplotlib.colors import LogNorm, Normalize
 
         low, high, _ = limits_of(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)
@@ -95,7 +97,7 @@ class Finer:
 
 @dataclass(frozen=True)
 class Over:
-    """What is drawn over a map and takes longer to find than to draw.
+    """Drawings over a map that take longer to find than to draw.
 
     lines: points (k, 2) of CRISIS and of LIMIT, NaN between pieces. band: dampings (n,), and the ends of the interval
     of the limit there, NaN where it is open. finer: drawn where it has a value.
@@ -116,7 +118,7 @@ def _around(cells: np.ndarray, low: float, high: float) -> slice:
 
 
 def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
-    """What colours of these values span, and what is to be said of it."""
+    """Return the range of colours for these values, and a note on it."""
     if isinstance(span, tuple):
         return *span, ""
     low, high = auto

@@ -30,10 +30,10 @@ from gear_rattle.workers.pictures.look import (
     Look,
     Over,
 )
-from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
+from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels.grid import centres, halvings
-from gear_rattle.workers.survey.levels.reduce import pooled
+from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import value_along
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -102,11 +102,20 @@ def map_picture(
 ) -> bytes:
     """Return the picture of `map_figure` as a file; the other arguments are those of that.
 
-    Args:
-        form: what is returned, a PNG, an SVG or a PDF file.
+    Parameters
+    ----------
+    form : Form
+        What is returned, a PNG, an SVG or a PDF file.
 
-    Raises:
-        SurveyError: as `map_figure`.
+    Returns
+    -------
+    bytes
+        Bytes of the file.
+
+    Raises
+    ------
+    SurveyError
+        As `map_figure`.
     """
     figure = map_figure(dataset, variable, index, opened, look, over)
     with BytesIO() as file:
@@ -126,16 +135,29 @@ def map_figure(
 
     Of more cells than there are pixels, cells become one, and what is rare among these is shown.
 
-    Args:
-        variable: any variable over (epsilon, delta).
-        index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
-        opened: opens a level of the survey, which is faster than to read all cells.
-        look: a part of the plane, its colours and lines, by default as all pictures have them; with a family the survey
-            has its families as maps.
-        over: what was found beforehand, to be drawn over it.
+    Parameters
+    ----------
+    variable : str
+        Any variable over (epsilon, delta).
+    index : int
+        Which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
+    opened : OpenGroup | None
+        Opens a level of the survey, which is faster than to read all cells.
+    look : Look
+        A part of the plane, its colours and lines, by default as all pictures have them; with a family the survey has
+        its families as maps.
+    over : Over
+        What was found beforehand, to be drawn over it.
 
-    Raises:
-        SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.
+    Returns
+    -------
+    Figure
+        The figure.
+
+    Raises
+    ------
+    SurveyError
+        The survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
     if look.delta or look.epsilon:
         dataset, opened = look.cut(dataset), None  # levels are of all cells
@@ -156,7 +178,7 @@ def map_figure(
     curves = draw_curves(axes, dataset, lines, over)
     draw_legend(axes)
     if POINTS in lines:
-        draw_points(axes, dataset, curves)
+        draw_points_over(axes, dataset, curves)
     if look.caption:
         figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
     return figure
@@ -212,18 +234,24 @@ def draw_map(
 ) -> None:
     """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
 
-    Args:
-        nothing: what it means that a computed cell has no value; by default in the words of `without_value`.
-        look: its window, and what its colours span.
-        finer: cells that are drawn over those of the survey.
+    Parameters
+    ----------
+    nothing : str
+        What it means that a computed cell has no value; by default in the words of `without_value`.
+    look : Look
+        Its window, and what its colours span.
+    finer : Finer | None
+        Cells that are drawn over those of the survey.
 
-    Raises:
-        SurveyError: its axes reach too far to be drawn.
+    Raises
+    ------
+    SurveyError
+        Its axes reach too far to be drawn.
     """
     reach = max(float(np.abs(dataset[axis].values).max()) for axis in ("delta", "epsilon"))
     if reach > FARTHEST_DRAWN:
         raise SurveyError(f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers")
-    values = numbers(plane)
+    values = drawn_numbers(plane)
     layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing or without_value(plane))
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
@@ -288,14 +316,14 @@ def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Cover the cells in which a family is not; of cells that become one, it is in all if in any."""
     share = plane_of(dataset, SHARE, family)
     with reading(f"the map of {SHARE}"):
-        values = numbers(share)
+        values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
     level = part_for(halvings(shape), (0, 0), shape, ROOM).level
     along, across = level.cells if level else (1, 1)
     shown = Finer(
         centres(dataset["delta"].values, across),
         centres(dataset["epsilon"].values, along),
-        pooled(np.nan_to_num(values), (along, across), np.maximum),
+        pooled_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)
     _cells(axes, shown, others, ListedColormap(["white"]), Normalize(0, 1)).set_alpha(COVERED)
@@ -316,7 +344,7 @@ def _extend(norm: Normalize, values: np.ndarray) -> str:
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Whether a key has a code: of families, and of the regions beside the paper's, those that are there."""
+    """Return whether a key has a code: of families, and of the regions beside the paper's, those that are there."""
     always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
     return always or bool((values == code).any())
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from gear_rattle.workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_STYLES, Over
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import Missing, traced, window_around
+from gear_rattle.workers.survey.curves import Missing, traced_curve, window_around
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES
@@ -31,7 +31,7 @@ def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Ove
     if LIMIT in names and over.band is not None:
         axes.fill_between(*over.band, color=OWN_STYLES[LIMIT][0], alpha=OPACITY, linewidth=0)
     for name in (name for name in names if name in model.curve_names):
-        curve = traced(name, model, window)
+        curve = traced_curve(name, model, window)
         if not isinstance(curve, Missing) and len(curve):
             drawn.append(plot.draw_curve(axes, curve))
     for name in (name for name in names if name in over.lines):
@@ -45,6 +45,6 @@ def _window(dataset: xr.Dataset) -> Window:
     return window_around(dataset["delta"].values, dataset["epsilon"].values)
 
 
-def draw_points(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
+def draw_points_over(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
     """Mark and name the codimension-two points, away from the curves and from what is written already."""
     plot.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)

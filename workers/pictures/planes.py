@@ -54,6 +54,6 @@ def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.Da
     return plane.where(kind.values == PERIODIC)
 
 
-def numbers(plane: xr.DataArray | np.ndarray) -> np.ndarray:
+def drawn_numbers(plane: xr.DataArray | np.ndarray) -> np.ndarray:
     """Return what is drawn of a map, float64 (epsilon, delta): of complex values the modulus."""
     return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)

@@ -24,7 +24,7 @@ class NormalNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """As the library has it. Raises ParameterError, as for the others."""
+        """Distribution in the library's form. Raises ParameterError, as for the others."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
 
@@ -38,7 +38,7 @@ class UniformNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """As the library has it."""
+        """Distribution in the library's form."""
         return Uniform(self.low, self.high)
 
 
@@ -52,7 +52,7 @@ class TriangularNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """As the library has it."""
+        """Distribution in the library's form."""
         return Triangular(self.low, self.mode, self.high)
 
 
@@ -65,19 +65,19 @@ class LogNormalNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """As the library has it."""
+        """Distribution in the library's form."""
         return LogNormal(self.median, self.deviation)
 
 
 class MeasuredNumber(Strict):
-    """What was measured on some gears."""
+    """Measured values of some gears."""
 
     distribution: Literal["measured"]
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
 
     @property
     def meant(self) -> Distribution:
-        """As the library has it."""
+        """Distribution in the library's form."""
         return Measured(self.values)
 
 
@@ -109,26 +109,27 @@ else:
 
 
 class GearNumbers(_Numbers):
-    """The numbers of a gear: delta, epsilon, beta and what its model adds, or those of a machine in SI units as
-    `rattle.Machine` has them, with rpm.
+    """Numbers of a gear: delta, epsilon, beta and the parameters that its model adds.
+
+    Or those of a machine in SI units as `rattle.Machine` has them, with rpm.
     """
 
     drive: Literal["torque", "speed"] | None = None
 
     @property
     def meant(self) -> dict[str, Any]:
-        """What is given, as the library takes it. Raises ParameterError."""
+        """Given numbers, as the library takes them. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: meant(value) for name, value in given.items() if value is not None}
 
 
 def meant(value: Any) -> Any:
-    """A number, or the distribution that is meant. Raises ParameterError."""
+    """Return a number, or the distribution that is meant. Raises ParameterError."""
     return getattr(value, "meant", value)
 
 
-def described(value: Any) -> Any:
-    """A number as it is, a distribution as a request has it."""
+def as_requested(value: Any) -> Any:
+    """Return a number as it is, a distribution as a request has it."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

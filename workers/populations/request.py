@@ -1,4 +1,4 @@
-"""What a population is asked to be, validated before anything is computed or stored."""
+"""Request for a population, validated before anything is computed or stored."""
 
 import json
 from functools import cached_property
@@ -55,7 +55,7 @@ class PopulationRequest(Strict):
 
     @model_validator(mode="after")
     def _meant(self) -> Self:
-        """What the library refuses is refused here: ParameterError is a ValueError."""
+        """Refuse the values that the library refuses: ParameterError is a ValueError."""
         with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
             size = self.tile_shape[0]
         if size * self.count > MAX_TILE_SAMPLES:
@@ -82,12 +82,12 @@ class PopulationRequest(Strict):
 
     @property
     def model(self) -> str:
-        """Which of the models its gears are."""
+        """Model of its gears."""
         return self.plan.tolerances.model.name
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """What one of its gears has beside δ, ε and β, by name."""
+        """Parameters that one of its gears has beside δ, ε and β, by name."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
@@ -125,7 +125,7 @@ class PopulationRequest(Strict):
 
     @property
     def n_slices(self) -> int:
-        """As of a survey without a third axis."""
+        """Number of slices, that of a survey without a third axis."""
         return 1
 
     @property

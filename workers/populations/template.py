@@ -8,7 +8,7 @@ from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.populations.request import PopulationRequest
-from gear_rattle.workers.populations.variables import SAMPLE, Variable, variables_of
+from gear_rattle.workers.populations.variables import SAMPLE, PopulationVariable, variables_of
 from gear_rattle.workers.survey.template import CODECS, WHOLE, Template, completed, now
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.version import code_version
@@ -36,12 +36,12 @@ def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr
     return kept, arrays, _chunks(variables)
 
 
-def _chunks(variables: tuple[Variable, ...]) -> dict[str, str]:
-    """The key of each variable's chunks, with {column}."""
+def _chunks(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
+    """Return the key of each variable's chunks, with {column}."""
     return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
 
 
-def _create(root: zarr.Group, request: PopulationRequest, variable: Variable) -> zarr.Array:
+def _create(root: zarr.Group, request: PopulationRequest, variable: PopulationVariable) -> zarr.Array:
     return root.create_array(
         variable.name,
         shape=variable.shape(request, request.n_cells),

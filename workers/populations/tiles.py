@@ -8,7 +8,7 @@ from types import EllipsisType
 import numpy as np
 
 from gear_rattle.workers.populations.request import PopulationRequest
-from gear_rattle.workers.populations.variables import Variable, variables_of
+from gear_rattle.workers.populations.variables import PopulationVariable, variables_of
 from gear_rattle.workers.survey.tiles import (
     LONGEST_MESSAGE,
     MACHINE_FAILURES,
@@ -93,7 +93,7 @@ def _evaluate(request: PopulationRequest, rows: slice) -> TileArrays:
     return {each.name: _of(each, request, found) for each in variables_of(request)}
 
 
-def _of(variable: Variable, request: PopulationRequest, found: Gears) -> np.ndarray:
+def _of(variable: PopulationVariable, request: PopulationRequest, found: Gears) -> np.ndarray:
     return np.asarray(variable.evaluate(request, found)).astype(variable.dtype)
 
 

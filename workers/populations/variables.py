@@ -1,4 +1,4 @@
-"""What a population's store holds of each gear."""
+"""Variables of each gear in a population's store."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ Evaluate = Callable[[PopulationRequest, Gears], Any]
 
 
 @dataclass(frozen=True)
-class Variable:
+class PopulationVariable:
     """A stored variable: its schema, and how rows get its values."""
 
     name: str
@@ -38,7 +38,7 @@ class Variable:
 
     @property
     def fill(self) -> float | int:
-        """What an entry holds before it is computed."""
+        """Value of an entry before it is computed."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
     @property
@@ -54,15 +54,15 @@ class Variable:
         return (rows, request.count) if SAMPLE in self.dims else (rows,)
 
 
-def variables_of(request: PopulationRequest) -> tuple[Variable, ...]:
+def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
     """Return the variables of a population; `status` is last because a tile is done when its status says so."""
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)
-    power = Variable("power", one, "float64", "mean power that the impacts hand over", _power, "W")
+    power = PopulationVariable("power", one, "float64", "mean power that the impacts hand over", _power, "W")
     powers = (power,) if is_machine(request.plan.tolerances.given) else ()
     return (
-        Variable(
+        PopulationVariable(
             "part",
             one,
             "int16",
@@ -71,29 +71,29 @@ def variables_of(request: PopulationRequest) -> tuple[Variable, ...]:
             flags=("population", "the_same_again", *alone, *but),
         ),
         *(
-            Variable(name, one, "float64", NAMES.get(name, name), _value(i), UNIT_OF.get(name, "1"))
+            PopulationVariable(name, one, "float64", NAMES.get(name, name), _value(i), UNIT_OF.get(name, "1"))
             for i, name in enumerate(names)
         ),
         *(
-            Variable(name, one, "float64", NAMES[name], _point(name))
+            PopulationVariable(name, one, "float64", NAMES[name], _point(name))
             for name in Gears._fields
             if name in NAMES and name not in names
         ),
-        Variable(
+        PopulationVariable(
             "energy",
             (GEAR, SAMPLE),
             "float64",
             "sum of v²/2 over the impacts per revolution of what each sample comes to, rising; 0: quiet",
             lambda _, x: x.energy,
         ),
-        Variable(
+        PopulationVariable(
             "quiet_fraction",
             one,
             "float32",
             "share of the sample that ends quiet",
             lambda _, x: (x.energy == 0.0).mean(axis=1),
         ),
-        Variable(
+        PopulationVariable(
             "undecided_fraction",
             one,
             "float32",
@@ -101,8 +101,8 @@ def variables_of(request: PopulationRequest) -> tuple[Variable, ...]:
             lambda _, x: np.isnan(x.energy).mean(axis=1),
         ),
         *powers,
-        Variable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
-        Variable("status", one, "int8", "what became of the gear", _status, flags=STATUS),
+        PopulationVariable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
+        PopulationVariable("status", one, "int8", "what became of the gear", _status, flags=STATUS),
     )
 
 

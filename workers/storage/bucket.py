@@ -34,12 +34,17 @@ RETRIES, RETRY_SECONDS = 1000, 60
 class Bucket:
     """A prefix of a bucket.
 
-    Args:
-        url: `s3://BUCKET/PREFIX`.
-        owned: who asks is known to be the only writer, as a service is that holds its job database; no lock is taken.
+    Parameters
+    ----------
+    url
+        `s3://BUCKET/PREFIX`.
+    owned
+        Who asks is known to be the only writer, as a service is that holds its job database; no lock is taken.
 
-    Raises:
-        SurveyError: the URL names no prefix of a bucket, or obstore is not installed.
+    Raises
+    ------
+    SurveyError
+        The URL names no prefix of a bucket, or obstore is not installed.
     """
 
     def __init__(self, url: str, owned: bool = False) -> None:
@@ -51,6 +56,7 @@ class Bucket:
         self.objects = _connect(self.url)
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return self.url
 
     def zarr(self) -> ObjectStore:
@@ -58,19 +64,19 @@ class Bucket:
         return ObjectStore(self.objects)
 
     def occupied(self) -> bool:
-        """Whether anything is here but what a killed creation left."""
+        """Return whether anything is here but what a killed creation left."""
         with self.reaching():
             if self.has(ROOT) or self.has(DELETING):
                 return True
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
-        """Whether a whole store is here."""
+        """Return whether a whole store is here."""
         with self.reaching():
             return self.has(ROOT)
 
     def has(self, key: str) -> bool:
-        """Whether a key is here."""
+        """Return whether a key is here."""
         import obstore
 
         try:
@@ -92,14 +98,14 @@ class Bucket:
             return bytes(found.bytes()), found.meta["e_tag"] or '""'
 
     def keys(self, prefix: str = "") -> Iterator[str]:
-        """Every key below a prefix."""
+        """Yield every key below a prefix."""
         import obstore
 
         for batch in obstore.list(self.objects, prefix or None):
             yield from (each["path"] for each in batch)
 
     def children(self) -> list[str]:
-        """The first parts of the keys below."""
+        """Return the first parts of the keys below."""
         import obstore
 
         with self.reaching():
@@ -107,7 +113,7 @@ class Bucket:
         return [prefix.rstrip("/").rpartition("/")[2] for prefix in found["common_prefixes"]]
 
     def deletion_begun(self) -> bool:
-        """Whether a deletion was begun and has not ended."""
+        """Return whether a deletion was begun and has not ended."""
         with self.reaching():
             return self.has(DELETING)
 
@@ -115,9 +121,12 @@ class Bucket:
     def reaching(self) -> Iterator[None]:
         """Turn what obstore raises into errors of this project.
 
-        Raises:
-            StorageError: the object store does not answer, or fails.
-            SurveyError: it refuses: the credentials, or the bucket, are wrong.
+        Raises
+        ------
+        StorageError
+            The object store does not answer, or fails.
+        SurveyError
+            It refuses: the credentials, or the bucket, are wrong.
         """
         from obstore import exceptions
 
@@ -183,9 +192,12 @@ class Bucket:
     def writing(self) -> Iterator[None]:
         """Hold the store for one run, by an object that names it.
 
-        Raises:
-            StorageError: the object store fails.
-            SurveyError: another run holds the store, or was killed on another machine and holds it still.
+        Raises
+        ------
+        StorageError
+            The object store fails.
+        SurveyError
+            Another run holds the store, or was killed on another machine and holds it still.
         """
         if self._owned:
             yield

@@ -20,6 +20,7 @@ class Both(BackendArray):
         self.shape, self.dtype = real.shape, np.dtype(np.complex128)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        """Return the indexed part."""
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:
@@ -29,7 +30,7 @@ class Both(BackendArray):
         return values
 
 
-def joined(dataset: xr.Dataset) -> xr.Dataset:
+def join_complex(dataset: xr.Dataset) -> xr.Dataset:
     """Return the dataset with complex variables in the place of their parts; nothing is read."""
     found: dict[str, Any] = {}
     for name, values in dataset.variables.items():

@@ -22,7 +22,7 @@ BATCH = 256  # files that are in memory at most
 
 
 class Copied(NamedTuple):
-    """What a copy has: all its files, their bytes, and how many of them were there already."""
+    """Result of a copy: all its files, their bytes, and how many of them were there already."""
 
     files: int
     size: int
@@ -47,6 +47,7 @@ class ZipStore:
             raise SurveyError(f"{path} cannot be opened ({error}): give a zip file that `rattle copy` wrote") from error
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return str(self.path)
 
     def read(self, key: str) -> bytes:
@@ -103,7 +104,8 @@ def copy_store(
         with place.writing():
             return _to_place(files, manifest, content, place, on_file)
     except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
+        refusal = storage_error(f"{place} cannot be written", error)
+        raise refusal from error
 
 
 def _files(source: str | Path | Place) -> Files:
@@ -212,7 +214,8 @@ def _to_zip(
                         on_file(done, total)
             _require_whole(ZipStore(part), _keys(manifest))
     except OSError as error:
-        raise storage_error(f"{path} cannot be written", error) from error
+        refusal = storage_error(f"{path} cannot be written", error)
+        raise refusal from error
     return Copied(total, size, 0)
 
 
@@ -234,7 +237,7 @@ def _number(manifest: Manifest) -> int:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[Path]:
-    """A path beside another, whose place it takes once it is whole."""
+    """Yield a path beside another, whose place it takes once it is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:

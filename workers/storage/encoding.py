@@ -18,6 +18,11 @@ def prepare_for_writing(dataset: xr.Dataset) -> xr.Dataset:
     """Return the dataset with encodings and flags that any file can hold and that keep the CF conventions.
 
     `to_netcdf` and `to_zarr` write it then as it is, or a part of it, in any chunks and in either format of zarr.
+
+    Returns
+    -------
+    xr.Dataset
+        The data set.
     """
     for name, values in dataset.variables.items():
         encoding = {key: value for key, value in values.encoding.items() if key in KEPT}

@@ -12,7 +12,7 @@ from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.storage.complex import split_complex
 from gear_rattle.workers.survey.machine import AXES
 from gear_rattle.workers.survey.slices import slices_of, third_of
-from gear_rattle.workers.survey.values.schema import CELL, FIXED, Form
+from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
@@ -20,13 +20,15 @@ CELLS = 16_384  # that are text at the same time
 
 
 #: The dimension of which each entry gets a row of its own, and what says that it is one.
-OWN_ROWS = {Form.ATTRACTORS: ("attractor", "attractor_kind"), Form.ORBITS: ("orbit", "orbit_exists")}
+OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
 def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
     """Write an open survey, as it is stored, as NetCDF 4 that keeps the CF conventions, with groups by their paths.
 
-    Returns:
+    Returns
+    -------
+    IO[bytes]
         The file, open at its beginning. It has no name any more: it is gone when it is closed, whatever happens.
     """
     rows = _rows(dataset)
@@ -73,8 +75,8 @@ def _read(values: xr.DataArray, rows: int) -> None:
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 
-def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
-    """The variables that a table has. Raises SurveyError if the survey has none of this form."""
+def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
+    """Return the variables that a table has. Raises SurveyError if the survey has none of this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
     def belongs(dims: tuple[Hashable, ...]) -> bool:
@@ -86,18 +88,24 @@ def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
     return names
 
 
-def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, np.ndarray]]:
-    """The table of an open survey, as it is stored, in bands: columns by their names, δ running first, then ε, then a
-    third axis.
+def tables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the table of an open survey, as it is stored, in bands.
+
+    Columns by their names, δ running first, then ε, then a third axis.
 
     Of a tidy form only entries that are one have a row, and what has a number or a name besides, as of an exponent, is
     a column for each.
+
+    Yields
+    ------
+    dict[str, np.ndarray]
+        Columns of a band, by name.
     """
     for one in slices_of(dataset):
         yield from _table(one, form)
 
 
-def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
+def _table(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
     names, rows = table_names(dataset, form), _rows(dataset)
     beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
@@ -117,7 +125,15 @@ def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """What stands along one axis, in every cell of a band: the speeds and eccentricities of a machine's survey."""
+    """Return the values along one axis, in every cell of a band.
+
+    They are the speeds and eccentricities of a machine's survey.
+
+    Returns
+    -------
+    np.ndarray
+        The values of a band.
+    """
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
@@ -141,8 +157,8 @@ def _tidy(
     return columns if there is None else {name: values[there] for name, values in columns.items()}
 
 
-def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
-    """A table as lines of CSV."""
+def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[str]:
+    """Yield a table as lines of CSV."""
     for number, columns in enumerate(tables(dataset, form)):
         if number == 0:
             yield ",".join(columns) + "\r\n"
@@ -151,10 +167,18 @@ def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
 
 
-def write_parquet(dataset: xr.Dataset, form: Form = Form.CELLS) -> IO[bytes]:
-    """A table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
+def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[bytes]:
+    """Return a table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
 
-    Raises MissingExtraError without pyarrow.
+    Returns
+    -------
+    IO[bytes]
+        The file.
+
+    Raises
+    ------
+    MissingExtraError
+        Without pyarrow.
     """
     try:
         import pyarrow

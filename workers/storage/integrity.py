@@ -1,4 +1,4 @@
-"""Whether a store still holds what was written to it: every file is where it was put, and as it was put there.
+"""Check that a store still holds the written bytes: every file in its place and unchanged.
 
 The manifest has the digest of every file by its key, because a chunk's own checksum knows no position.
 """
@@ -16,7 +16,7 @@ from zarr.errors import ZarrUserWarning
 
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read, said_by_root, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -27,7 +27,7 @@ READERS = 8  # of files at a time: a bucket answers each after a while
 
 @dataclass(frozen=True)
 class Integrity:
-    """What a look at every file of a store found.
+    """Findings of a check of every file of a store.
 
     Without a manifest that this version can read, the store's chunks are decoded, each of which ends in a checksum of
     its own, and it has no tiles here.
@@ -43,21 +43,29 @@ class Integrity:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is damaged; tiles of a survey that is not completed may still be missing."""
+        """True if nothing is damaged; tiles of a survey that is not completed may still be missing."""
         return not self.damaged and not self.template
 
     @property
     def decoded(self) -> bool:
-        """Whether the store has no manifest that this version can read."""
+        """True if the store has no manifest that this version can read."""
         return not self.tiles
 
 
 def examine(where: str | Path | Place) -> Integrity:
     """Read every file of a survey's store. A chunk that is not there is lost once the survey was completed.
 
-    Raises:
-        SurveyError: there is no survey, or too much of it is damaged to know which it was.
-        StorageError: the object store fails.
+    Returns
+    -------
+    Integrity
+        The findings.
+
+    Raises
+    ------
+    SurveyError
+        There is no survey, or too much of it is damaged to know which it was.
+    StorageError
+        The object store fails.
     """
     place = place_of(where)
     if not place.occupied():
@@ -82,11 +90,19 @@ def examine(where: str | Path | Place) -> Integrity:
 
 
 def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
-    """Return how many chunks were decoded, and which files are lost or cannot be decoded, of a store without a manifest
-    that this version can read.
+    """Return how many chunks were decoded, and which files are lost or cannot be decoded.
 
-    Raises:
-        SurveyError: its metadata cannot be read.
+    Of a store without a manifest that this version can read.
+
+    Returns
+    -------
+    tuple[int, tuple[str, ...]]
+        The number, and the names of files.
+
+    Raises
+    ------
+    SurveyError
+        Its metadata cannot be read.
     """
     version = attributes["code_version"]
     is_ours = version == code_version()  # then every chunk has a file
@@ -108,7 +124,7 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
             at = tuple(slice(i * size, (i + 1) * size) for i, size in zip(chunk, array.chunks, strict=True))
             try:
                 values = np.asarray(array[at])
-                is_lost = (name == STATUS and not values.all()) or (is_ours and read(place, key) is None)
+                is_lost = (name == STATUS and not values.all()) or (is_ours and read_file(place, key) is None)
             except SurveyError:
                 raise
             except Exception:  # what a codec raises of a damaged chunk
@@ -124,12 +140,22 @@ def examine_tiles(
 ) -> tuple[set[int], dict[int, tuple[str, ...]]]:
     """Return which tiles are computed and whole, and which are damaged, with the variables.
 
-    Args:
-        should_stop: asked at each tile.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool] | None
+        Asked at each tile.
 
-    Raises:
-        StoppedError: because `should_stop` said so.
-        SurveyError, StorageError: as `examine`.
+    Returns
+    -------
+    tuple[set[int], dict[int, tuple[str, ...]]]
+        Tiles that are computed and whole; variables of the damaged ones.
+
+    Raises
+    ------
+    StoppedError
+        Because `should_stop` said so.
+    SurveyError, StorageError
+        As `examine`.
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
@@ -152,7 +178,7 @@ def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
 
 
 def _is_whole(place: Place, key: str, known: str | None) -> bool:
-    content = read(place, key)
+    content = read_file(place, key)
     return content is not None and digest(key, content) == known
 
 

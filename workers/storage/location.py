@@ -1,4 +1,6 @@
-"""Where a store is: a directory, or a prefix of a bucket. What the two do differently is here and nowhere else.
+"""Locate a store: a directory, or a prefix of a bucket.
+
+The differences of the two are here and nowhere else.
 
 Both promise: a store appears whole or not at all, a key is replaced at once or not at all, and one run writes to it.
 """
@@ -30,6 +32,7 @@ class Directory:
             raise SurveyError(f"{path} is nowhere ({error}): {where}") from error
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return str(self.path)
 
     def zarr(self) -> Path:
@@ -37,15 +40,15 @@ class Directory:
         return self.path
 
     def occupied(self) -> bool:
-        """Whether anything is here."""
+        """Return whether anything is here."""
         return self.path.exists() and not (self.path.is_dir() and next(self.path.iterdir(), None) is None)
 
     def exists(self) -> bool:
-        """Whether a whole store is here."""
+        """Return whether a whole store is here."""
         return (self.path / ROOT).exists()
 
     def deletion_begun(self) -> bool:
-        """Whether a deletion was begun and has not ended: never, it begins by renaming."""
+        """Return whether a deletion was begun and has not ended: never, it begins by renaming."""
         return False
 
     def read(self, key: str) -> bytes:
@@ -94,14 +97,18 @@ class Directory:
     def writing(self) -> Iterator[None]:
         """Hold the store for one run; the system releases it even if the process is killed.
 
-        Raises:
-            StorageError: it cannot be written now.
-            SurveyError: another run holds it: two would sweep each other's files. Or it is not there.
+        Raises
+        ------
+        StorageError
+            It cannot be written now.
+        SurveyError
+            Another run holds it: two would sweep each other's files. Or it is not there.
         """
         try:
             held = (self.path / LOCK).open("ab")
         except OSError as error:
-            raise storage_error(f"{self} cannot be written", error) from error
+            refusal = storage_error(f"{self} cannot be written", error)
+            raise refusal from error
         with held:
             try:
                 fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)

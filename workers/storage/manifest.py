@@ -27,12 +27,20 @@ KNOWN = 8  # manifests that are remembered as they were parsed: each is asked fo
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
 
-def read(place: Place, key: str) -> bytes | None:
+def read_file(place: Place, key: str) -> bytes | None:
     """Return a file; None if it is not there, or the disk cannot read it.
 
-    Raises:
-        SurveyError: it may not be read: nobody may take that for lost.
-        StorageError: the object store fails.
+    Returns
+    -------
+    bytes | None
+        Bytes of the file, or None.
+
+    Raises
+    ------
+    SurveyError
+        It may not be read: nobody may take that for lost.
+    StorageError
+        The object store fails.
     """
     try:
         return place.read(key)
@@ -48,7 +56,7 @@ def read(place: Place, key: str) -> bytes | None:
 
 def manifest_of(place: Place) -> Manifest | None:
     """Return the manifest of a store; None if it is damaged, of another version, or not there."""
-    content = read(place, MANIFEST)
+    content = read_file(place, MANIFEST)
     return None if content is None or place.deletion_begun() else _parsed(content)
 
 
@@ -58,9 +66,17 @@ _parsed = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
 def known_manifest(place: Place) -> Manifest:
     """Return the manifest of a store.
 
-    Raises:
-        StorageError: the store is gone.
-        SurveyError: there is no survey, or its manifest is damaged.
+    Returns
+    -------
+    Manifest
+        The manifest.
+
+    Raises
+    ------
+    StorageError
+        The store is gone.
+    SurveyError
+        There is no survey, or its manifest is damaged.
     """
     if (manifest := manifest_of(place)) is None:
         require_there(place)
@@ -81,7 +97,7 @@ def require_there(place: Place) -> None:
 def said_by_root(place: Place) -> dict[str, Any]:
     """Return the attributes of a store's root, damaged or not; empty without one."""
     try:
-        attributes = json.loads(read(place, ROOT) or b"{}").get("attributes", {})
+        attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
     except (ValueError, AttributeError, RecursionError):
         attributes = {}
     return attributes if isinstance(attributes, dict) else {}
@@ -89,16 +105,24 @@ def said_by_root(place: Place) -> dict[str, Any]:
 
 def whole_root(place: Place, manifest: Manifest) -> bytes | None:
     """Return the metadata of a store's root; None if it is lost or damaged."""
-    content = read(place, ROOT)
+    content = read_file(place, ROOT)
     return content if content is not None and digest(ROOT, content) in manifest.root else None
 
 
 def attributes_of(place: Place) -> dict[str, Any]:
     """Return what the root says.
 
-    Raises:
-        StorageError: it cannot be read now.
-        SurveyError: there is no survey, or it is damaged.
+    Returns
+    -------
+    dict[str, Any]
+        Attributes of the root.
+
+    Raises
+    ------
+    StorageError
+        It cannot be read now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     return dict(json.loads(_root(place, known_manifest(place)))["attributes"])
 
@@ -110,9 +134,17 @@ def noting(place: Place) -> Iterator[Note]:
     The caller holds the store, and changes nothing else of its manifest meanwhile. A kill loses the tiles that the
     manifest on the disk does not have yet, a two-hundredth at most; they are computed again.
 
-    Raises:
-        StorageError: it cannot be written now, or the store is gone.
-        SurveyError: there is no survey, or its manifest is damaged.
+    Yields
+    ------
+    Note
+        The function.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now, or the store is gone.
+    SurveyError
+        There is no survey, or its manifest is damaged.
     """
     before = known_manifest(place)
     manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
@@ -124,7 +156,8 @@ def noting(place: Place) -> Iterator[Note]:
                 require_there(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
-            raise storage_error(f"{place} cannot be written", error) from error
+            refusal = storage_error(f"{place} cannot be written", error)
+            raise refusal from error
         waiting = 0
 
     def note(tiles: Mapping[int, Mapping[str, str]]) -> None:
@@ -145,9 +178,12 @@ def noting(place: Place) -> Iterator[Note]:
 def tell(place: Place, told: Mapping[str, Any]) -> None:
     """Let the root say this besides; None: it says no more of it. The caller holds the store.
 
-    Raises:
-        OSError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    OSError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     manifest = known_manifest(place)
     root = _root(place, manifest)
@@ -165,22 +201,29 @@ def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
     return kept[ROOT].to_bytes()
 
 
-def describe(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
+def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
     """Add files to a store, and take others from its metadata: they appear and vanish with the root.
 
-    Args:
-        added: the files to write, by their key.
-        there: the digests of chunks that are there already.
-        is_removed: whether a file that the manifest knows is no longer part of the store.
+    Parameters
+    ----------
+    added : Template
+        The files to write, by their key.
+    there : Mapping[str, str]
+        The digests of chunks that are there already.
+    is_removed : Callable[[str], bool]
+        Whether a file that the manifest knows is no longer part of the store.
 
-    Raises:
-        OSError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    Raises
+    ------
+    OSError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
     manifest = known_manifest(place)
     root = _root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
-    nodes = {key: read(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
+    nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
     if any(content is None or digest(key, content) != files[key] for key, content in nodes.items() if key != ROOT):
         raise SurveyError(f"the metadata of {place} is damaged: run the survey again to repair it")
     described = nodes | {key: content for key, content in added.items() if key.endswith(f"/{ROOT}")}
@@ -195,8 +238,9 @@ def describe(place: Place, added: Template, there: Mapping[str, str], is_removed
 
 
 def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
-    """Write a root, and the manifest that is true with it: `before` is true until then. At every instant the root is
-    one that the manifest knows. Raises OSError.
+    """Write a root, and the manifest that is true with it: `before` is true until then.
+
+    At every instant the root is one that the manifest knows. Raises OSError.
     """
     new = digest(ROOT, root)
     place.put(MANIFEST, replace(before, root=(*before.root, new)).to_bytes())

@@ -20,14 +20,14 @@ from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_tem
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import (
     attributes_of,
-    describe,
     known_manifest,
     manifest_of,
-    read,
+    read_file,
     replace_root,
     require_there,
     said_by_root,
     tell,
+    update_metadata,
     whole_root,
     with_attributes,
 )
@@ -65,12 +65,17 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
     Whatever else is there is left as it is. The store appears at once and whole. Of a survey's own store, what tiles do
     not write to, its metadata first of all, is made again if any of it is damaged. Numbers of cells are not touched.
 
-    Args:
-        make: as `template_of`, which is the default: to compute elsewhere what takes long.
+    Parameters
+    ----------
+    make : Make | None
+        As `template_of`, which is the default: to compute elsewhere what takes long.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: something else is there, or it cannot be written, or another run writes to what is damaged.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        Something else is there, or it cannot be written, or another run writes to what is damaged.
     """
     place, make = place_of(where), make or template_of
     try:
@@ -80,7 +85,8 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
             with place.writing():
                 _mend(request, place, make)
     except OSError as error:
-        raise storage_error(f"{place} cannot be created", error) from error
+        refusal = storage_error(f"{place} cannot be created", error)
+        raise refusal from error
 
 
 def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
@@ -149,9 +155,17 @@ def tiles_done(
 
     Every chunk is read, for its checksum; `should_stop` is asked at each tile.
 
-    Raises:
-        SurveyError: this survey is not there.
-        StoppedError: because `should_stop` said so.
+    Returns
+    -------
+    set[int]
+        Indices of the tiles.
+
+    Raises
+    ------
+    SurveyError
+        This survey is not there.
+    StoppedError
+        Because `should_stop` said so.
     """
     place = place_of(where)
     _require_same(request, place)
@@ -167,12 +181,21 @@ def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
 
 
 def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Write every variable of a tile. It is computed once the digests of its chunks, which this returns by their key,
-    are in the manifest.
+    """Write every variable of a tile.
 
-    Raises:
-        StorageError: it cannot be written now, or the store is gone: with its disk, or by a deletion.
-        SurveyError: the tile or a shape is not a chunk of the store, or the store is of another survey.
+    It is computed once the digests of its chunks, which this returns by their key, are in the manifest.
+
+    Returns
+    -------
+    dict[str, str]
+        Digests of its chunks, by their key.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now, or the store is gone: with its disk, or by a deletion.
+    SurveyError
+        The tile or a shape is not a chunk of the store, or the store is of another survey.
     """
     require_aligned(request, tile)
     place = _place(path, request)
@@ -195,9 +218,17 @@ def _place(path: str, request: AnyRequest) -> Place:
 def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str, str]) -> dict[str, np.ndarray] | None:
     """Read every variable of a computed tile; None if it is damaged. known: the digests of its chunks, by their key.
 
-    Raises:
-        StorageError: it cannot be read now.
-        SurveyError: the store is of another survey, or may not be read.
+    Returns
+    -------
+    dict[str, np.ndarray] | None
+        Arrays by variable, or None.
+
+    Raises
+    ------
+    StorageError
+        It cannot be read now.
+    SurveyError
+        The store is of another survey, or may not be read.
     """
     contents = _contents(request, _place(path, request), tile)
     return _decoded(request, tile, contents) if digests(contents) == known else None
@@ -205,7 +236,7 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
 
 def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
     """Return the chunks of a tile that are there, by their key."""
-    found = ((key, read(place, key)) for key in _keys(request, tile).values())
+    found = ((key, read_file(place, key)) for key in _keys(request, tile).values())
     return {key: content for key, content in found if content is not None}
 
 
@@ -249,9 +280,12 @@ def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 def finish_store(where: str | Path | Place) -> None:
     """Finish a survey whose tiles are all done: sweep what killed writers left, date it, consolidate. Idempotent.
 
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, tiles are missing, or a run still writes to it.
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        There is no survey, tiles are missing, or a run still writes to it.
     """
     place = place_of(where)
     manifest = known_manifest(place)
@@ -267,40 +301,52 @@ def finish_store(where: str | Path | Place) -> None:
                 told |= _refined(place)
             tell(place, told)
         except OSError as error:
-            raise storage_error(f"{place} cannot be finished", error) from error
+            refusal = storage_error(f"{place} cannot be finished", error)
+            raise refusal from error
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
-    """Whether a group or a variable was added to a survey's store."""
+    """Return whether a group or a variable was added to a survey's store."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add what follows from all tiles: the files of `added`, and those that are there already, with their digests. They
-    appear with the root, which comes last, and are in the manifest as the template's are.
+    """Add what follows from all tiles: the files of `added`, and those that are there already, with their digests.
 
-    Raises:
-        OSError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
+    They appear with the root, which comes last, and are in the manifest as the template's are.
+
+    Raises
+    ------
+    OSError
+        It cannot be written now.
+    SurveyError
+        There is no survey, or it is damaged.
     """
-    describe(place_of(where), added, there, lambda _: False)
+    update_metadata(place_of(where), added, there, lambda _: False)
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
-    """Take from a store what was added to it and would not be true of tiles that are computed anew: their slots are by
-    share until they are joined, and they have gone through one round of audits. The caller holds the store.
+    """Take from a store what was added to it and would not be true of tiles that are computed anew.
 
-    Raises:
-        StorageError: it cannot be written now.
+    Their slots are by share until they are joined, and they have gone through one round of audits. The caller holds the
+    store.
+
+    Raises
+    ------
+    StorageError
+        It cannot be written now.
+    SurveyError
+        If the store cannot be written.
     """
     try:
         if TOLD[-1] in said_by_root(place):
             tell(place, dict.fromkeys(TOLD))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
-            describe(place, {}, {}, _is_added)
+            update_metadata(place, {}, {}, _is_added)
     except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
+        refusal = storage_error(f"{place} cannot be written", error)
+        raise refusal from error
 
 
 def _is_added(key: str) -> bool:
@@ -308,7 +354,7 @@ def _is_added(key: str) -> bool:
 
 
 def _refined(place: Place) -> dict[str, int | float]:
-    """What the root says of a refined survey: its cells that were filled, and what their audit found."""
+    """Return the root's counts of a refined survey: filled cells, and the findings of their audit."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
@@ -319,10 +365,17 @@ def _refined(place: Place) -> dict[str, int | float]:
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
-    """The values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
+    """Yield the values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
 
-    Raises:
-        SurveyError: the survey is damaged.
+    Yields
+    ------
+    np.ndarray
+        Values of a row of tiles.
+
+    Raises
+    ------
+    SurveyError
+        The survey is damaged.
     """
     try:
         with place.reaching():
@@ -337,18 +390,28 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
 
 
 def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:
-    """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not; values are read when asked
-    for.
+    """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not.
+
+    Values are read when asked for.
 
     `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this
     one says what is wrong when there is no survey, and what it opens can be written again, in any chunks, with
     `to_netcdf` (which keeps the CF conventions) and `to_zarr`.
 
-    Args:
-        as_stored: leave complex variables in their two parts, which NetCDF can hold.
+    Parameters
+    ----------
+    as_stored : bool
+        Leave complex variables in their two parts, which NetCDF can hold.
 
-    Raises:
-        SurveyError: there is no survey, or it cannot be read.
+    Returns
+    -------
+    xr.Dataset
+        The open survey.
+
+    Raises
+    ------
+    SurveyError
+        There is no survey, or it cannot be read.
     """
     import xarray as xr  # a third of a second, which no process that only computes has to wait for
 
@@ -362,9 +425,9 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     dataset = prepare_for_writing(dataset)
     if as_stored:
         return dataset
-    from gear_rattle.workers.storage.complex import joined
+    from gear_rattle.workers.storage.complex import join_complex
 
-    return joined(dataset)
+    return join_complex(dataset)
 
 
 def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
@@ -372,7 +435,15 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
 
     Levels, which say nothing that cells do not, are opened one by one.
 
-    Raises SurveyError: they cannot be read.
+    Returns
+    -------
+    dict[str, xr.Dataset]
+        Data sets by path.
+
+    Raises
+    ------
+    SurveyError
+        : they cannot be read.
     """
     import xarray as xr
 

@@ -1,1 +1,1 @@
-"""What a survey is and what a cell holds: the folder whose every byte `code_version` hashes."""
+"""Define a survey and the contents of a cell: the folder whose every byte `code_version` hashes."""

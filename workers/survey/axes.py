@@ -27,7 +27,7 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 def require_visible(what: str, text: str, besides: str = "") -> str:
-    """Return a text; raise ValueError if it holds characters that nobody sees, such as controls of its direction.
+    """Return a text.
 
     Parameters
     ----------
@@ -37,6 +37,16 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
         The text.
     besides : str
         Characters that may be in it all the same, such as line breaks.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    ValueError
+        If it holds characters that nobody sees, such as controls of its direction.
     """
     for each in text:
         if not (each.isprintable() or each in besides or unicodedata.category(each) == "Zs"):
@@ -60,7 +70,7 @@ def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Strict(BaseModel):
-    """What cannot be changed, and takes no other fields."""
+    """Record that cannot be changed, and takes no other fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -165,6 +175,11 @@ def words_of(detail: Mapping[str, Any]) -> str:
     ----------
     detail : mapping
         An entry of `errors()` of pydantic's ValidationError, or one like it with a `msg` alone.
+
+    Returns
+    -------
+    str
+        The sentence.
     """
     kind, given = detail.get("type"), detail.get("input")
     context = {**detail.get("ctx", {}), "input": _shortened(given)}

@@ -1,4 +1,4 @@
-"""Where a curve passes between neighbouring cells of a grid."""
+"""Find where a curve passes between neighbouring cells of a grid."""
 
 from typing import NamedTuple
 
@@ -8,8 +8,9 @@ Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # δ, ε and piece of the 
 
 
 class Crossings(NamedTuple):
-    """Where a curve passes between neighbouring cells of a grid: rising numbers of cells, between which and the next
-    one along δ it passes, and along ε.
+    """Passages of a curve between neighbouring cells of a grid.
+
+    Rising numbers of cells, between which and the next one along δ it passes, and along ε.
     """
 
     delta: np.ndarray
@@ -17,14 +18,22 @@ class Crossings(NamedTuple):
 
 
 def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Crossings:
-    """Where a curve passes between the cells epsilon (m,) × delta (n,)."""
+    """Return the passages of a curve between the cells epsilon (m,) × delta (n,)."""
     row, column = _along(curve, delta, epsilon)
     line, before = _along((curve[1], curve[0], curve[2]), epsilon, delta)
     return Crossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
 
 
 def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where a polyline of (x, y) meets the line of a y between an x and the next: numbers of that y and that x."""
+    """Return the crossings of a polyline of (x, y) with the lines of y between an x and the next.
+
+    Numbers of that y and that x.
+
+    Returns
+    -------
+    tuple[np.ndarray, np.ndarray]
+        Both numbers of each crossing.
+    """
     if len(curve[0]) < 2 or x.size < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     (x0, x1), (y0, y1) = ((values[:-1], values[1:]) for values in curve[:2])

@@ -32,7 +32,7 @@ class Missing(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Variable:
+class CurveVariable:
     """A stored variable of a group, and its values; a group without values holds it with length 0."""
 
     name: str
@@ -42,14 +42,14 @@ class Variable:
     values: Callable[[Any], Any]
 
     def of(self, item: Any) -> np.ndarray:
-        """The values, in the stored type; empty for a missing curve."""
+        """Return the values, in the stored type; empty for a missing curve."""
         if isinstance(item, Missing):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)
 
     @property
-    def parts(self) -> tuple["Variable", ...]:
-        """What is stored of it, as of a `Quantity`."""
+    def parts(self) -> tuple["CurveVariable", ...]:
+        """Stored parts, as of a `Quantity`."""
         if self.dtype is not complex:
             return (self,)
 
@@ -72,37 +72,39 @@ class Variable:
 TEXT = np.dtypes.StringDType()  # of variable length, the only kind of text that zarr v3 specifies
 POINT, END, PAIR = ("point",), ("end",), ("pair",)
 
-CURVE_VARIABLES: tuple[Variable, ...] = (
-    Variable("point_delta", POINT, float, "damping δ of the point", lambda curve: curve.delta),
-    Variable("point_epsilon", POINT, float, "eccentricity ε of the point", lambda curve: curve.epsilon),
-    Variable("phase", POINT, float, "phase τ of the departure from Σ+, in forcing periods", lambda curve: curve.tau),
-    Variable("velocity", POINT, float, "speed v of the departure from Σ+", lambda curve: curve.v),
-    Variable(
+CURVE_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable("point_delta", POINT, float, "damping δ of the point", lambda curve: curve.delta),
+    CurveVariable("point_epsilon", POINT, float, "eccentricity ε of the point", lambda curve: curve.epsilon),
+    CurveVariable(
+        "phase", POINT, float, "phase τ of the departure from Σ+, in forcing periods", lambda curve: curve.tau
+    ),
+    CurveVariable("velocity", POINT, float, "speed v of the departure from Σ+", lambda curve: curve.v),
+    CurveVariable(
         "point_multiplier",
         ("multiplier", "point"),
         complex,
         "Floquet multiplier of the motion; where it grazes, without the square root",
         lambda curve: curve.multipliers,
     ),
-    Variable(
+    CurveVariable(
         "arclength",
         POINT,
         float,
         "length along the curve in the (δ, ε) plane, from the start of the piece",
         lambda curve: curve.arclength,
     ),
-    Variable("piece", POINT, np.int64, "number of the connected piece, from 0", lambda curve: curve.piece),
-    Variable(
+    CurveVariable("piece", POINT, np.int64, "number of the connected piece, from 0", lambda curve: curve.piece),
+    CurveVariable(
         "fold", POINT, bool, "whether δ turns back at the point", lambda curve: np.isin(range(len(curve)), curve.folds)
     ),
-    Variable(
+    CurveVariable(
         "end_point",
         END,
         np.int64,
         "number of the point, from 0, at which a piece ends; two ends of each piece in turn",
         lambda curve: [end.index for end in curve.ends],
     ),
-    Variable(
+    CurveVariable(
         "end_reason",
         END,
         TEXT,
@@ -119,24 +121,30 @@ def _pairs(points: Points) -> list[tuple[str, str, str, float]]:
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 
 
-POINT_VARIABLES: tuple[Variable, ...] = (
-    Variable("point", POINT, TEXT, "name of the codimension-two point", lambda points: [each.name for each in points]),
-    Variable("point_delta", POINT, float, "damping δ of the point", lambda points: [each.delta for each in points]),
-    Variable(
+POINT_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable(
+        "point", POINT, TEXT, "name of the codimension-two point", lambda points: [each.name for each in points]
+    ),
+    CurveVariable(
+        "point_delta", POINT, float, "damping δ of the point", lambda points: [each.delta for each in points]
+    ),
+    CurveVariable(
         "point_epsilon", POINT, float, "eccentricity ε of the point", lambda points: [each.epsilon for each in points]
     ),
-    Variable("meaning", POINT, TEXT, "what happens at the point", lambda points: [each.meaning for each in points]),
-    Variable(
+    CurveVariable(
+        "meaning", POINT, TEXT, "what happens at the point", lambda points: [each.meaning for each in points]
+    ),
+    CurveVariable(
         "curves",
         POINT,
         TEXT,
         "curves that meet at the point, groups of /curves, separated by spaces",
         lambda points: [" ".join(each.curves) for each in points],
     ),
-    Variable("pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _column(points, 0)),
-    Variable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _column(points, 1)),
-    Variable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _column(points, 2)),
-    Variable(
+    CurveVariable("pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _column(points, 0)),
+    CurveVariable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _column(points, 1)),
+    CurveVariable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _column(points, 2)),
+    CurveVariable(
         "pair_tangency",
         PAIR,
         float,
@@ -151,9 +159,16 @@ def _column(points: Points, number: int) -> list[Any]:
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
-    """The plane that a map of these cells shows: half a cell more on each side, where δ is positive and ε not negative.
+    """Return the plane that a map of these cells shows.
+
+    Half a cell more on each side, where δ is positive and ε not negative.
 
     So a curve that crosses a cell, also one on the border, has points on both sides of it.
+
+    Returns
+    -------
+    Window
+        The window.
     """
     low, high = _around(delta, 0.0)
     bottom, top = _around(epsilon, LEAST_EPSILON)
@@ -168,8 +183,8 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=128)
-def traced(name: str, model: Model, window: Window) -> Curve | Missing:
-    """A curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
+def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
+    """Return a curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
     try:
         with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
             return model.trace(name, window.delta, window.epsilon)
@@ -178,10 +193,18 @@ def traced(name: str, model: Model, window: Window) -> Curve | Missing:
 
 
 @lru_cache(maxsize=8)
-def crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
-    """Where each curve of a model, as it is traced for the template, passes between the cells of a grid."""
+def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
+    """Return the passages of each curve of a model between the cells of a grid.
+
+    As it is traced for the template.
+
+    Returns
+    -------
+    tuple[Crossings, ...]
+        Passages of each curve.
+    """
     grid = delta.values(), epsilon.values()
-    found = (traced(name, model, window_around(*grid)) for name in model.curve_names)
+    found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
     return tuple(crossings_of(_points(curve), *grid) for curve in found)
 
 
@@ -192,7 +215,15 @@ def _points(curve: Curve | Missing) -> Polyline:
 
 
 def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
-    """What a curve is, and why its group is empty if it is; the reference is the model's, which lacks some curves."""
+    """Return the attributes of a curve, and why its group is empty if it is.
+
+    The reference is the model's, which lacks some curves.
+
+    Returns
+    -------
+    dict[str, str]
+        Attributes by name.
+    """
     attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
     if isinstance(curve, Missing):
         attributes["comment"] = curve.reason

@@ -8,7 +8,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.survey.curves import TEXT, Variable
+from gear_rattle.workers.survey.curves import TEXT, CurveVariable
 from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.template import (
@@ -32,30 +32,38 @@ FAMILY, GROUP = "attractor_family", "families"
 ROW, ENTERED = ("family",), ("entered",)
 REFERENCE = "docs/families.md"
 
-FAMILY_VARIABLES: tuple[Variable, ...] = (
-    Variable("family", ROW, np.int32, "number of the family; 0: quiet", lambda x: range(x.table.cells.size)),
-    Variable("kind", ROW, np.int8, f"kind of attractor: {', '.join(KINDS)}", lambda x: x.table.kind),
-    Variable("m", ROW, np.int32, "m of P(m, n+, n-); 0 unless periodic", lambda x: x.table.m),
-    Variable("n_plus", ROW, np.int32, "n+ of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_plus),
-    Variable("n_minus", ROW, np.int32, "n- of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_minus),
-    Variable("cells", ROW, np.int64, "cells that have it", lambda x: x.table.cells),
-    Variable("unsampled", ROW, np.int64, "cells where no sample goes to it", lambda x: x.table.unsampled),
-    Variable("delta_low", ROW, float, "least damping of its cells", lambda x: x.table.delta_low),
-    Variable("delta_high", ROW, float, "largest damping of its cells", lambda x: x.table.delta_high),
-    Variable("epsilon_low", ROW, float, "least eccentricity of its cells", lambda x: x.table.epsilon_low),
-    Variable("epsilon_high", ROW, float, "largest eccentricity of its cells", lambda x: x.table.epsilon_high),
-    Variable("largest_fraction", ROW, float, "largest share of a cell's sample", lambda x: x.table.largest_fraction),
-    Variable("mean_fraction", ROW, float, "mean share over its cells", lambda x: x.table.mean_fraction),
-    Variable("delta_at", ROW, float, "damping where its share is largest", lambda x: x.table.delta_at),
-    Variable("epsilon_at", ROW, float, "eccentricity where its share is largest", lambda x: x.table.epsilon_at),
-    Variable("exponent", ROW, float, "largest Lyapunov exponent of its cells", lambda x: x.table.exponent),
-    Variable("monodromy", ROW, bool, "whether a cell has two attractors of it", lambda x: x.table.monodromy),
-    Variable("entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family),
-    Variable("entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _places(x)[0]),
-    Variable("entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]),
-    Variable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
-    Variable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
-    Variable(
+FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable("family", ROW, np.int32, "number of the family; 0: quiet", lambda x: range(x.table.cells.size)),
+    CurveVariable("kind", ROW, np.int8, f"kind of attractor: {', '.join(KINDS)}", lambda x: x.table.kind),
+    CurveVariable("m", ROW, np.int32, "m of P(m, n+, n-); 0 unless periodic", lambda x: x.table.m),
+    CurveVariable("n_plus", ROW, np.int32, "n+ of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_plus),
+    CurveVariable("n_minus", ROW, np.int32, "n- of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_minus),
+    CurveVariable("cells", ROW, np.int64, "cells that have it", lambda x: x.table.cells),
+    CurveVariable("unsampled", ROW, np.int64, "cells where no sample goes to it", lambda x: x.table.unsampled),
+    CurveVariable("delta_low", ROW, float, "least damping of its cells", lambda x: x.table.delta_low),
+    CurveVariable("delta_high", ROW, float, "largest damping of its cells", lambda x: x.table.delta_high),
+    CurveVariable("epsilon_low", ROW, float, "least eccentricity of its cells", lambda x: x.table.epsilon_low),
+    CurveVariable("epsilon_high", ROW, float, "largest eccentricity of its cells", lambda x: x.table.epsilon_high),
+    CurveVariable(
+        "largest_fraction", ROW, float, "largest share of a cell's sample", lambda x: x.table.largest_fraction
+    ),
+    CurveVariable("mean_fraction", ROW, float, "mean share over its cells", lambda x: x.table.mean_fraction),
+    CurveVariable("delta_at", ROW, float, "damping where its share is largest", lambda x: x.table.delta_at),
+    CurveVariable("epsilon_at", ROW, float, "eccentricity where its share is largest", lambda x: x.table.epsilon_at),
+    CurveVariable("exponent", ROW, float, "largest Lyapunov exponent of its cells", lambda x: x.table.exponent),
+    CurveVariable("monodromy", ROW, bool, "whether a cell has two attractors of it", lambda x: x.table.monodromy),
+    CurveVariable(
+        "entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family
+    ),
+    CurveVariable(
+        "entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _places(x)[0]
+    ),
+    CurveVariable(
+        "entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]
+    ),
+    CurveVariable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
+    CurveVariable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
+    CurveVariable(
         "entered_lyapunov",
         ("entered", "exponent"),
         float,
@@ -66,10 +74,10 @@ FAMILY_VARIABLES: tuple[Variable, ...] = (
 
 
 #: What is known of where families end: of `gear_rattle.workers.boundaries.edges.Edges`.
-EDGE_VARIABLES: tuple[Variable, ...] = (
-    Variable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
-    Variable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
-    Variable(
+EDGE_VARIABLES: tuple[CurveVariable, ...] = (
+    CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
+    CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
+    CurveVariable(
         "edges_on",
         ("family", "curve"),
         np.int64,
@@ -99,9 +107,15 @@ def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
     return np.divmod(joined.entered.cell, joined.columns)
 
 
-def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
-    """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n): in
-    their order, whatever their slots, cells numbered row by row of the rectangle.
+def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
+    """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n).
+
+    In their order, whatever their slots, cells numbered row by row of the rectangle.
+
+    Returns
+    -------
+    Slots
+        The attractors.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
@@ -135,8 +149,14 @@ def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:
-    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order: so
-    empty ones stay as they are.
+    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order.
+
+    So empty ones stay as they are.
+
+    Returns
+    -------
+    np.ndarray
+        The slots, filled.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
     np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
@@ -149,10 +169,16 @@ def with_empty(source: np.ndarray) -> np.ndarray:
 
 
 def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
-    """Return the slot that each family has in all its cells (families,), −1 where there is none, from which of them are
-    together in a cell: pairs (k, 2), the smaller number first.
+    """Return the slot that each family has in all its cells (families,), −1 where there is none.
+
+    From the pairs (k, 2) of families that are together in a cell, the smaller number first.
 
     One family after the other, by their numbers, gets the lowest slot that is free in all its cells.
+
+    Returns
+    -------
+    np.ndarray
+        The slots.
     """
     order = np.argsort(together[:, 1], kind="stable")
     begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
@@ -172,6 +198,11 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
     """Return the slots of attractors (k,), in each cell by falling share, from those of their families (k,), −1: none.
 
     What has none, and what a cell has of a family besides the first, gets the lowest that is free in its cell.
+
+    Returns
+    -------
+    np.ndarray
+        Slot of each attractor.
     """
     slot = np.full(family.size, -1)
     used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # a bit for each slot of a cell
@@ -188,7 +219,7 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
 
 
 def _lowest_free(used: int) -> int:
-    """The number of the lowest bit that is 0."""
+    """Return the number of the lowest bit that is 0."""
     return (~used & (used + 1)).bit_length() - 1
 
 
@@ -216,7 +247,15 @@ def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.
 def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
     """Return the files that families add to a store but the chunks of their numbers, by their key.
 
-    found: of each slice its families, and what EDGE_VARIABLES are read from.
+    Parameters
+    ----------
+    found : Mapping[Along, tuple[Joined, Any]]
+        Of each slice its families, and what EDGE_VARIABLES are read from.
+
+    Returns
+    -------
+    Template
+        Files by key.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)

@@ -34,7 +34,7 @@ class SurveyedMachine(Strict):
     drive: Literal["torque", "speed"] = "torque"
 
     def at(self, rpm: float, eccentricity: float) -> Machine:
-        """The machine at a speed, with an eccentricity in metres. Raises ParameterError."""
+        """Return the machine at a speed, with an eccentricity in metres. Raises ParameterError."""
         given = self.model_dump()
         return Machine(**given, eccentricity=eccentricity, rpm=rpm)
 
@@ -44,16 +44,16 @@ class SurveyedMachine(Strict):
         return DRIVES[self.drive] * self.backlash / (2.0 * self.radius)
 
     def rpm(self, delta: Any) -> Any:
-        """The speeds at which the damping is δ, in revolutions per minute."""
+        """Return the speeds at which the damping is δ, in revolutions per minute."""
         return 2.0 * np.pi * self.drag / self.inertia / delta / RPM
 
     def eccentricity(self, epsilon: Any) -> Any:
-        """The eccentricities that are ε, in metres along the line of action."""
+        """Return the eccentricities that are ε, in metres along the line of action."""
         return epsilon * self.radius / DRIVES[self.drive]
 
 
 def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
-    """Both ends of the axis of the model that speeds or eccentricities are. Raises ParameterError."""
+    """Return both ends of the axis of the model that speeds or eccentricities are. Raises ParameterError."""
     if name == "rpm":
         return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
     any_speed = 1.0  # rpm: ε does not depend on it
@@ -61,7 +61,7 @@ def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, flo
 
 
 def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
-    """What is given of a survey, with the axes and β of its machine among it. Raises ValueError."""
+    """Return the fields of a survey, with the axes and β of its machine among them. Raises ValueError."""
     machine = dict(given["machine"])
     spans = {name: machine.pop(name) for name in AXES if name in machine}
     numbers = _read(SurveyedMachine, "machine", machine)
@@ -76,7 +76,7 @@ def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read(kind: type[Part], where: str, value: Any) -> Part:
-    """A part of a request. Raises ValueError, which names what is wrong."""
+    """Return a part of a request. Raises ValueError, which names the wrong value."""
     try:
         return kind.model_validate(value)
     except ValidationError as error:

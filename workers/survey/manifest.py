@@ -14,13 +14,13 @@ SLICES = "slices"  # the group of what slices along a third axis have beside the
 SLICE = "{slice}"  # in a key of chunks: the index along a third axis
 
 
-def path_of(along: tuple[int, ...], group: str = "") -> str:
-    """Where a slice has a group: below SLICES and its index along the third axis, if there is one."""
+def group_path(along: tuple[int, ...], group: str = "") -> str:
+    """Return the path of a group of a slice: below SLICES and its index along the third axis, if there is one."""
     return "/".join([*(f"{SLICES}/{index}" for index in along), *([group] if group else [])])
 
 
 def chunk_key(pattern: str, row: int, column: int, rows: int) -> str:
-    """Where a chunk of a tile is; of several slices, each with so many rows of tiles, row counts through."""
+    """Return the key of a chunk of a tile; of several slices, each with so many rows of tiles, row counts through."""
     along, row = divmod(row, rows) if SLICE in pattern else (0, row)
     return pattern.format(slice=along, row=row, column=column)
 
@@ -32,7 +32,7 @@ def digest(key: str, content: bytes) -> str:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a store's files are, and what each must hold. The process that leads a run writes it, and nobody else.
+    """Files of a store and their required contents. Only the process that leads a run writes it.
 
     A tile is computed once its chunks are in `tiles`.
     """
@@ -76,7 +76,7 @@ class Manifest:
         return self.grid[0] * self.grid[1]
 
     def keys(self, index: int) -> dict[str, str]:
-        """Where the chunks of a tile are, by variable."""
+        """Return the keys of the chunks of a tile, by variable."""
         row, column = divmod(index, self.grid[1])
         return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
 

@@ -1,4 +1,4 @@
-"""What a survey is asked to compute, validated before anything is computed or stored."""
+"""Request for a survey, validated before anything is computed or stored."""
 
 import json
 import math
@@ -91,8 +91,9 @@ class InitialConditions(Strict):
 
 
 class TileShape(Strict):
-    """Cells along each axis of a tile; not given means 32, more in a survey of more than 100,000 cells, fewer in a
-    small one or with large samples.
+    """Cells along each axis of a tile.
+
+    Not given means 32, more in a survey of more than 100,000 cells, fewer in a small one or with large samples.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -159,7 +160,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_machine(cls, given: Any) -> Any:
-        """A machine's β, and its speeds and eccentricities as axes of the model."""
+        """Replace a machine by its β, and its speeds and eccentricities as axes of the model."""
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
             return in_the_model(given)
         return given
@@ -195,7 +196,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_model(cls, given: Any) -> Any:
-        """The default quantities of a model lack what it does not have."""
+        """Leave out of the default quantities those that a model does not have."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
             known = groups_of(given["model"])
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
@@ -287,7 +288,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def is_bounded(self) -> bool:
-        """Whether a bound of the wrong share of filled cells was asked for."""
+        """True if a bound of the wrong share of filled cells was requested."""
         return self.refine is not None and self.refine.bound is not None
 
     @property
@@ -299,7 +300,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def in_closed_form(self) -> bool:
-        """Whether regions and orbits cost nothing."""
+        """True if regions and orbits cost nothing."""
         return Capability.CLOSED_FORM in MODELS[self.model].has
 
     @property
@@ -309,7 +310,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """What its model has beside δ, ε and β, by name; of an axis its end."""
+        """Parameters that its model has beside δ, ε and β, by name; of an axis its end."""
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.others.items()
@@ -343,11 +344,19 @@ class SurveyRequest(_Numbers):
         return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
 
     def along(self, number: int) -> Along:
-        """The place of a slice by its number, of the last one beyond; () without a third axis, whatever the number."""
+        """Return the place of a slice by its number, of the last one beyond.
+
+        () without a third axis, whatever the number.
+
+        Returns
+        -------
+        Along
+            Index of the slice, or ().
+        """
         return (min(number, self.n_slices - 1),) if self.third else ()
 
     def at(self, place: Along) -> "SurveyRequest":
-        """A slice, with the sample, slots and tiles that all have."""
+        """Return a slice, with the sample, slots and tiles that all have."""
         if not place:
             return self
         values = {name: float(axis.values()[place[0]]) for name, axis in self.third_axis.items()}
@@ -369,12 +378,12 @@ class SurveyRequest(_Numbers):
 
     @property
     def n_slots(self) -> int:
-        """Attractors that a cell lists."""
+        """Largest number of attractors that a cell stores."""
         return self.slots or (SLOTS if self.delta.start >= MANY_ATTRACTORS else MORE_SLOTS)
 
     @property
     def slots_follow_families(self) -> bool:
-        """Whether an attractor's slot is that of its family, once these are joined."""
+        """True if an attractor's slot is that of its family, once these are joined."""
         return (self.slots_by or BY_FAMILY) == BY_FAMILY and Group.FAMILIES in self.quantities
 
     @property
@@ -441,6 +450,11 @@ class SurveyRequest(_Numbers):
 
         The name is left out: renaming a survey does not make it another one. The tile shape counts, though no cell
         depends on it, because it is the chunk shape of the store that a resumed run writes to.
+
+        Returns
+        -------
+        str
+            64 hexadecimal digits.
         """
         content = self.model_dump(mode="json", exclude={"name", "tile", "slots", "slots_by"})
         content["initial_conditions"]["v_max"] = self.v_max

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.survey.manifest import path_of
+from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.values.schema import FIXED
 from rattle.models import Model, model_of
 
@@ -18,9 +18,17 @@ if TYPE_CHECKING:
 def require_slice(third: Mapping[str, int], number: int | None) -> None:
     """Raise SurveyError unless this is the number of a slice.
 
-    Args:
-        third: the length of the third axis by its name, if there is one.
-        number: None of a survey without one.
+    Parameters
+    ----------
+    third : Mapping[str, int]
+        The length of the third axis by its name, if there is one.
+    number : int | None
+        None of a survey without one.
+
+    Raises
+    ------
+    SurveyError
+        If there is no such slice.
     """
     if not third and number is not None:
         raise SurveyError("this survey has no third axis: leave slice out")
@@ -43,7 +51,7 @@ def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
 
 def group_in(number: int | None, group: str) -> str:
     """Return where a slice has a group, or with None a survey without a third axis."""
-    return path_of(() if number is None else (number,), group)
+    return group_path(() if number is None else (number,), group)
 
 
 def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
@@ -66,7 +74,15 @@ def surveyed_model(dataset: xr.Dataset) -> Model:
 
     Surveys from before there were two models name none, older ones have parameters as attributes alone.
 
-    Raises SurveyError: it has a third axis.
+    Returns
+    -------
+    Model
+        The model.
+
+    Raises
+    ------
+    SurveyError
+        : it has a third axis.
     """
     require_slice(third_of(dataset), None)
     given: dict[str, Any] = {

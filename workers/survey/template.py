@@ -18,15 +18,15 @@ from gear_rattle.workers.survey.axes import Axis
 from gear_rattle.workers.survey.curves import (
     CURVE_VARIABLES,
     POINT_VARIABLES,
-    Variable,
+    CurveVariable,
     curve_attributes,
-    traced,
+    traced_curve,
     window_around,
 )
 from gear_rattle.workers.survey.machine import AXES
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, digests, path_of
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, digests, group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.tiles import cells_of
+from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
 from gear_rattle.workers.survey.values.schema import SLOT, Quantity
 from gear_rattle.workers.survey.version import code_version
@@ -48,6 +48,11 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
 
     Its metadata is consolidated here: chunks never touch it, so a survey can be opened from disk and over HTTP while it
     runs, and nothing is left to go stale.
+
+    Returns
+    -------
+    Template
+        Files by key.
     """
     kept: dict[str, Buffer] = {}
     created = created or now()
@@ -62,8 +67,19 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
 
 
 def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
-    """Return a store that is kept in memory as the template of a request's: with its metadata consolidated, and its
-    manifest. chunks: each variable's key of chunks, with {row} and {column}.
+    """Return a store that is kept in memory as the template of a request's.
+
+    With its metadata consolidated, and its manifest.
+
+    Parameters
+    ----------
+    chunks : dict[str, str]
+        Each variable's key of chunks, with {row} and {column}.
+
+    Returns
+    -------
+    Template
+        Files by key.
     """
     consolidate(MemoryStore(kept))
     template = contents(kept)
@@ -79,6 +95,11 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     """Return what tiles write to, in memory: where it is kept, the arrays, and the key of each variable's chunks.
 
     What a store on a disk says of itself has no part in what is written to it.
+
+    Returns
+    -------
+    tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
+        Buffers, arrays and keys.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
@@ -98,6 +119,7 @@ def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str,
 
 
 def contents(kept: Mapping[str, Buffer]) -> Template:
+    """Return the bytes of the kept buffers."""
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
@@ -146,8 +168,14 @@ def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
 
 
 def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
-    """Return the parameters that all cells of a slice have, and what they are: coordinates without a dimension, but for
-    a third axis.
+    """Return the parameters that all cells of a slice have, and what they are.
+
+    Coordinates without a dimension, but for a third axis.
+
+    Returns
+    -------
+    dict[str, tuple[float | Axis, str]]
+        Value and description by name.
     """
     return {each.name: (request.others[each.name], each.long_name) for each in MODELS[request.model].parameters()}
 
@@ -168,7 +196,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     for dim in COORDINATES:
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            write(root, dim, (dim,), values, {"long_name": about(request, dim), "units": "1"})
+            write(root, dim, (dim,), values, {"long_name": dimension_name(request, dim), "units": "1"})
     for name, (value, long_name) in fixed(request).items():
         values = value.values() if isinstance(value, Axis) else np.array(value)
         write(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
@@ -180,8 +208,8 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
         write(root, "eccentricity", ("epsilon",), eccentricity, described)
 
 
-def about(request: SurveyRequest, dim: str) -> str:
-    """What a dimension is."""
+def dimension_name(request: SurveyRequest, dim: str) -> str:
+    """Return the long name of a dimension."""
     if dim == SLOT and request.slots_follow_families:
         return "slot of the attractor: that of its family, as far as there are slots"
     return COORDINATES[dim].long_name
@@ -197,7 +225,7 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
     if quantity.per_cell:
         _create_per_cell(root, request, quantity)
     else:
-        found = [np.asarray(quantity.evaluate(cells_of(each))) for each in request.slices.values()]
+        found = [np.asarray(quantity.evaluate(cells_of_tile(each))) for each in request.slices.values()]
         values = (np.stack(found) if request.third else found[0]).astype(quantity.dtype)
         write(root, quantity.name, (*request.third_axis, *quantity.dims), values, quantity.attributes)
 
@@ -224,7 +252,7 @@ def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Gro
     if SLICES not in root:
         about = f"what the slices of the survey have beside their cells, each at its index along {request.third}"
         root.create_group(SLICES, attributes={"long_name": about})
-    return root.create_group(path_of(along), attributes=_model_attributes(request.at(along)))
+    return root.create_group(group_path(along), attributes=_model_attributes(request.at(along)))
 
 
 def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
@@ -243,7 +271,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
     model = request.gear_model
     for name in model.curve_names:
-        curve = traced(name, model, window)
+        curve = traced_curve(name, model, window)
         group = groups.create_group(name, attributes=curve_attributes(name, model, curve))
         write_variables(group, CURVE_VARIABLES, curve)
     attributes = {"long_name": "codimension-two points, where curves meet", "references": f"https://doi.org/{DOI}"}
@@ -251,7 +279,8 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     write_variables(group, POINT_VARIABLES, model.codimension_two())
 
 
-def write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
+def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
+    """Write the arrays of variables and their attributes to a group."""
     for variable in (part for each in variables for part in each.parts):
         write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
 

@@ -7,8 +7,8 @@ from types import EllipsisType
 
 import numpy as np
 
-from gear_rattle.workers.survey.curves import crossings
-from gear_rattle.workers.survey.refined.fill import Plan, RefinedCells, refined_cells
+from gear_rattle.workers.survey.curves import traced_crossings
+from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
 from gear_rattle.workers.survey.refined.rounds import Round, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
@@ -59,7 +59,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class TileRecord:
-    """What became of a tile. Failed cells are counted from the corner of the grid, rows of all slices on end."""
+    """Result of a tile. Failed cells are counted from the corner of the grid, rows of all slices on end."""
 
     index: int
     cells: int
@@ -86,7 +86,7 @@ def tiles_at(request: SurveyRequest, along: Along) -> list[Tile]:
     return [tile for tile in tiles_of(request) if tile.along == along]
 
 
-def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
+def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     """Return the cells of a tile, or the whole grid, which then has no third axis."""
     request = request if tile is None else request.at(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
@@ -109,14 +109,18 @@ def compute_tile(
     A cell that fails has status 3, fill values elsewhere, and its message in the record; its neighbours are whole. A
     tile of a survey that is refined is computed in all its cells if one of them fails, or if they come from elsewhere.
 
-    Args:
-        outcomes: of the cells, row by row, if they come from elsewhere.
+    Parameters
+    ----------
+    outcomes : Iterable[CellOutcome] | None
+        Of the cells, row by row, if they come from elsewhere.
 
-    Returns:
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
         The arrays by variable name, in the dims and dtype of the registry, and the tile's record.
     """
     began = time.perf_counter()
-    cells = cells_of(request, tile)
+    cells = cells_of_tile(request, tile)
     impacts = 0
     if outcomes is not None:
         arrays, failed = _gather(request, cells, outcomes)
@@ -143,18 +147,18 @@ def compute_tile(
 
 
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
-    """The cells of a tile, of which only some are computed."""
-    whole = cells_of(request.at(tile.along))
+    """Return the cells of a tile, of which only some are computed."""
+    whole = cells_of_tile(request.at(tile.along))
     # those that are not known in closed form take minutes
-    curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
+    curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound takes the audits of all slices together, so each has draws of its own; without, a slice is a survey.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
-    plan = Plan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
+    plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
 
 
 def first_audit(request: SurveyRequest) -> Round:
-    """The first round of audits of a survey that is refined."""
+    """Return the first round of audits of a survey that is refined."""
     assert request.refine is not None
     return first_round(request.refine.audit, request.refine.bound, request.n_cells)
 
@@ -173,10 +177,17 @@ def cell_outcomes(
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell alone, row by row from number `first`, so that one which fails is the only one lost.
 
-    Args:
-        failing: failures of the machine that are a cell's failure here.
+    Parameters
+    ----------
+    failing : tuple[type[Exception], ...]
+        Failures of the machine that are a cell's failure here.
+
+    Yields
+    ------
+    CellOutcome
+        Outcome of each cell.
     """
-    cells = cells_of(request, tile)
+    cells = cells_of_tile(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
         try:
             yield _evaluate(request, cells.one(*divmod(number, cells.delta.size)))

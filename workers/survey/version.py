@@ -1,4 +1,4 @@
-"""Which code fills a survey: a resumed survey must not mix two versions."""
+"""Identify the code that fills a survey: a resumed survey must not mix two versions."""
 
 from functools import cache
 from hashlib import sha256
@@ -11,8 +11,14 @@ FOLDERS = ("survey", "populations")
 
 @cache
 def code_version() -> str:
-    """Return the version of the library with a digest of every source that decides what a cell holds: those of surveys
-    and of populations.
+    """Return the version of the library with a digest of every source that decides what a cell holds.
+
+    Those of surveys and of populations.
+
+    Returns
+    -------
+    str
+        Version and digest.
     """
     digest = sha256(rattle.source_hash().encode())
     for folder in FOLDERS:

@@ -85,14 +85,14 @@ def flag(condition):
 
 @inline
 def flight32(b, i):
-    """The flight of lane i, in single precision."""
+    """Return the flight of lane i, in single precision."""
     k = np.uint64(i)  # a number that might count from the end keeps some loops from becoming vector instructions
     return Flight(b.w_[k], b.a_[k], b.sin0_[k], b.cos0_[k], b.delta_[k], b.epsilon_[k])
 
 
 @inline
 def flight64(b, i):
-    """The same in double precision."""
+    """Return the same in double precision."""
     k = np.uint64(i)
     a = plus_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
     return Flight(b.w[k], a, b.sin0[k], b.cos0[k], b.delta[k], b.epsilon[k])
@@ -100,7 +100,7 @@ def flight64(b, i):
 
 @inline
 def arc32(b, i):
-    """The arc of lane i."""
+    """Return the arc of lane i."""
     k = np.uint64(i)
     return Arc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
 
@@ -149,9 +149,14 @@ def close_ranks(b):
 
 @inline
 def stretched(b, i):
-    """ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
+    """Return ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
 
     There a flight has determinant e^(−δs); dw²/2 = w dw at both ends.
+
+    Returns
+    -------
+    result
+        Both logarithms.
     """
     w = b.w[i]
     energy = b.w_tangent[i] * w
@@ -163,7 +168,15 @@ def stretched(b, i):
 
 @inline
 def overflows(b, i):
-    """True if the tangent vector of lane i or its determinant must be taken off before they leave double precision."""
+    """Return whether the tangent vector of lane i or its determinant must be reset.
+
+    They would leave double precision.
+
+    Returns
+    -------
+    result
+        The answer.
+    """
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
     return not inside
@@ -171,7 +184,7 @@ def overflows(b, i):
 
 @kernel
 def empty(b):
-    """A block without trajectories: every lane has reached its limit."""
+    """Return a block without trajectories: every lane has reached its limit."""
     for i in range(LANES):
         load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
         b.who[i] = -1
@@ -179,7 +192,7 @@ def empty(b):
 
 @inline
 def ended(b, i):
-    """True if lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
+    """Return whether lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
@@ -203,7 +216,15 @@ def made_ready(b, groups, none_waits):
 
 @inline
 def roughest(b, groups):
-    """What the lanes need: ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH."""
+    """Return the roughest stage that the lanes need.
+
+    ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH.
+
+    Returns
+    -------
+    result
+        SMOOTH, ROUGH or ARCS.
+    """
     found = SMOOTH
     for i in range(GROUP * groups):
         found = max(found, ARCS if b.no_arc[i] == ZERO else ROUGH if b.rough[i] > ZERO else SMOOTH)
@@ -211,8 +232,14 @@ def roughest(b, groups):
 
 
 def block() -> np.ndarray:
-    """Memory for one block (1,), aligned to cache lines. Kernels take the array: numba takes no record whose fields
-    overlap from Python.
+    """Return memory for one block (1,), aligned to cache lines.
+
+    Kernels take the array: numba takes no record whose fields overlap from Python.
+
+    Returns
+    -------
+    np.ndarray
+        An array with one record.
     """
     raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64

@@ -64,7 +64,7 @@ def compact(b, groups):
 
 @inline
 def flight_scanned(b, i):
-    """The flight at place i of those to be scanned."""
+    """Return the flight at place i of those to be scanned."""
     k = np.uint64(i)  # as in `flight32`
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
@@ -123,7 +123,7 @@ def locate(b, n):
 
 @inline
 def prove_scanned(b, n):
-    """Whether the impacts that were located are certain to be the first, where the contact force keeps its sign."""
+    """Return whether the located impacts are certain to be the first, where the contact force keeps its sign."""
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], flight_scanned(b, k))
@@ -132,7 +132,7 @@ def prove_scanned(b, n):
 
 @inline
 def prove_scanned_turns(b, n):
-    """The same, where it changes sign on some lane."""
+    """Return the same, where it changes sign on some lane."""
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
         flight, arc, minimum = flight_scanned(b, k), arc_scanned(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])

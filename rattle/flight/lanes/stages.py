@@ -44,7 +44,7 @@ def copy_to_single(b, groups):
 
 @inline
 def guess(b, groups):
-    """A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
+    """Return a of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
         b.a_[i] = plus_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
@@ -52,7 +52,7 @@ def guess(b, groups):
 
 @inline
 def improve(b, groups):
-    """A better guess, worth its time where the force varies so much that the mean of the way misleads."""
+    """Return a better guess, worth its time where the force varies so much that the mean of the way misleads."""
     for i in range(GROUP * groups):
         s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
         s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
@@ -80,7 +80,7 @@ def choose_wall(b, groups):
 
 @inline
 def solve_locally(b, groups):
-    """The root of the Taylor polynomial at the level of the wall."""
+    """Return the root of the Taylor polynomial at the level of the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
@@ -89,7 +89,7 @@ def solve_locally(b, groups):
 
 @inline
 def solve_again(b, groups):
-    """The same from there: far from the turning point the first polynomial is no good."""
+    """Return the same from there: far from the turning point the first polynomial is no good."""
     for i in range(GROUP * groups):
         level, flight = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
         b.s_[i] += local_root(not b.falls[i] > ZERO, level, taylor(b.s_[i], flight))
@@ -97,7 +97,7 @@ def solve_again(b, groups):
 
 @inline
 def refine(b, groups):
-    """A step of fourth order towards the wall."""
+    """Return a step of fourth order towards the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         b.s_[i], b.step[i], b.speed[i] = refined(b.s_[i], level, flight32(b, i))
@@ -105,7 +105,7 @@ def refine(b, groups):
 
 @inline
 def prove(b, groups):
-    """Whether the impact that was located is certain to be the first."""
+    """Return whether the impact that was located is certain to be the first."""
     for i in range(GROUP * groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
         minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
@@ -115,7 +115,7 @@ def prove(b, groups):
 
 @inline
 def prove_turns(b, groups):
-    """The proof's second part, where the contact force changes sign on some lane."""
+    """Return the proof's second part, where the contact force changes sign on some lane."""
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
         certain = single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
@@ -148,16 +148,21 @@ def keep_or_take(go, new, old):
 
     LLVM makes a masked store of a choice that goes back to where the old number came from, and without AVX-512 these
     are slow. The maximum, which changes no number, hides from LLVM where it came from.
+
+    Returns
+    -------
+    result
+        The chosen number.
     """
     return new if go else max(old, LEAST)
 
 
 def _land(tangent):
-    """The stage that moves the lanes to the impact; a constant of the closure, the branch leaves the loop."""
+    """Build the stage that moves the lanes to the impact; a constant of the closure, so the branch leaves the loop."""
 
     @inline
     def land(b, groups):
-        """The last step; lanes whose impact is sure, and whose limit is not reached, arrive and are reflected.
+        """Return the last step; lanes whose impact is sure, and whose limit is not reached, arrive and are reflected.
 
         For `carry` those that do not have a flight of no time, and sin1, cos1 are the forcing at the departure.
         """
@@ -194,7 +199,7 @@ land_plain, land_tangent = _land(False), _land(True)
 
 @inline
 def carry(b, groups):
-    """The tangent vectors of the lanes that have landed."""
+    """Return the tangent vectors of the lanes that have landed."""
     for i in range(GROUP * groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
@@ -252,8 +257,9 @@ def repair(b, groups, paths):
 
 @kernel
 def advance(memory, groups, flights, force, tangent, paths):
-    """Fly every lane of a block this many times, with its tangent vector or without; force is what `roughest` says
-    of them. paths counts the flights that went to the scan and to the search.
+    """Fly every lane of a block this many times, with its tangent vector or without.
+
+    Force is what `roughest` says of them. paths counts the flights that went to the scan and to the search.
     """
     b = memory[0]
     for _ in range(flights):

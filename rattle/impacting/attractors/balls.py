@@ -31,7 +31,7 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """The direction and the radius, as a number of halvings, that a lane of a group tries."""
+    """Return the direction and the radius, as a number of halvings, that a lane of a group tries."""
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
 
@@ -64,7 +64,7 @@ def depart(b, work, group, i, level, few, centres):
 
 @inline
 def fly(memory, work, groups, force, paths):
-    """One flight of every lane, and its tangent."""
+    """Return one flight of every lane, and its tangent."""
     b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
@@ -88,7 +88,7 @@ def fly(memory, work, groups, force, paths):
 
 @inline
 def under_way(b, group, most):
-    """Whether a lane of the group has impacts to make, and has met Σ⁻ no more often than the orbit does."""
+    """Return whether a lane of the group has impacts to make, and has met Σ⁻ no more often than the orbit does."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -99,7 +99,7 @@ def under_way(b, group, most):
 
 @inline
 def holds(b, work, lane, i, centres):
-    """Whether the state on a lane came back as `contracts` asks."""
+    """Return whether the state on a lane came back as `contracts` asks."""
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
     return arrived and shrinks(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
@@ -107,7 +107,7 @@ def holds(b, work, lane, i, centres):
 
 @inline
 def largest_held(b, work, group, i, level, few, centres):
-    """The largest radius tried at which no direction failed, the next one if there is none."""
+    """Return the largest radius tried at which no direction failed, the next one if there is none."""
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True

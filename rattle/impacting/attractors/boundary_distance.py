@@ -93,7 +93,7 @@ class _Cells:
         self.undecided = np.full(n, np.inf)
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
-        """The first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
+        """Return the first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
         (tau, v), (x, y) = self.strip(self.v_max, 0), sobol(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
@@ -113,12 +113,20 @@ class _Cells:
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
-        """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
+        """Return whether states (k,) of these cells go to another attractor.
+
+        Chaotic is what is left in a cell with chaos.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for states that go to another attractor.
+        """
         status = self.classifier.settled(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
-        """The lowest of these states and of those kept, apart in phase: v inf where a state does not count."""
+        """Keep the lowest of these states and of those kept, apart in phase; v is inf where a state does not count."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -140,8 +148,9 @@ class _Cells:
         return np.repeat(cell, each), fold(tau + x), v + y
 
     def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of those of some states (n, k) that go away, of states near these, and of the edges
-        of new balls of capture.
+        """Keep the lowest preimages of states (n, k) that leave, of states near these, and of edges of new regions.
+
+        The regions are capture regions.
         """
         number = away.sum(axis=1)[:, None]
         every = -(-number * (1 + COPIES) // STATES)  # of those near, only so many that there is room for
@@ -211,8 +220,19 @@ class _Cells:
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: SpeedLimit = None
 ) -> BoundaryDistance:
-    """`Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast. A cell's values do not depend
-    on the other cells. Raises ParameterError.
+    """Return `Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast.
+
+    A cell's values do not depend on the other cells.
+
+    Returns
+    -------
+    BoundaryDistance
+        The distance of each cell.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
@@ -239,8 +259,14 @@ def boundary_distances(
 
 @kernel
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
-    """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v). Each is followed
-    no further than its first preimage above `ceiling`; these and the parameters are arrays too.
+    """Return the slowest of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states.
+
+    Each is followed no further than its first preimage above `ceiling`; these and the parameters are arrays too.
+
+    Returns
+    -------
+    result
+        Arrays τ and v of the preimages.
     """
     out_tau, out_v = tau.copy(), v.copy()
     for i in range(tau.size):

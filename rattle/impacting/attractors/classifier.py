@@ -1,4 +1,4 @@
-"""Which attractors the samples of cells of the impacting gear go to: its impact map, flown in lanes."""
+"""Classify the samples of cells of the impacting gear: its impact map, flown in lanes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import enlarge
-from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
+from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import stable_cells
 from rattle.parameters import Parameters
 
 
-def cells_of(parameters: Parameters) -> Cells:
+def cells_of(parameters: Parameters) -> ImpactingCells:
     """Return cells with these parameters (n,), as kernels take them."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
-    return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+    return ImpactingCells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
 
 def quiet_invariant(parameters: Parameters) -> float:
@@ -38,7 +38,7 @@ class ImpactingClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """As the classifier of any gear; paths (2,) counts how flights were found."""
+        """Prepare the classifier of any gear; paths (2,) counts how flights were found."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         with np.errstate(over="ignore"):  # of a subnormal δ
@@ -50,9 +50,9 @@ class ImpactingClassifier(Classifier):
     quiet_invariant = staticmethod(quiet_invariant)
 
     @classmethod
-    def cells_of_orbits(cls, parameters: Parameters) -> Cells:
+    def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
         """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
-        return Cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
+        return ImpactingCells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
@@ -64,11 +64,11 @@ class ImpactingClassifier(Classifier):
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion."""
+        """Flags of the cells (n_cells,) that have a quiet motion."""
         return np.asarray(self.cells.quiet_invariant > 0)
 
     def enter_known_orbits(self) -> None:
-        """The stable ones of period one are known beforehand."""
+        """Enter the stable orbits of period one, which are known beforehand."""
         delta, epsilon, beta, _capture = self.cells
         found = stable_cells(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
@@ -90,7 +90,7 @@ class ImpactingClassifier(Classifier):
         settle(self._block, which, flights, self.cells, *tables, self.paths)
 
     def alike(self, which: NDArray[np.int64], samples: Trajectories) -> NDArray[np.int64]:
-        """These samples in an order in which neighbours need the same stages of a flight: lanes share them."""
+        """Return these samples in an order in which neighbours need the same stages of a flight: lanes share them."""
         return which[np.argsort(-self._roughness[samples.cell[which]], kind="stable")]
 
     def watch(
@@ -112,10 +112,20 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
+    """Return the attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
-    a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max). Raises ParameterError.
+    a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max).
+
+    Returns
+    -------
+    AttractorTable
+        A row for each attractor.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     sample = SampleSpec(count, v_max, seed, budget, tau, v_min)
     return of_samples(ImpactingClassifier, Parameters.of(ImpactingClassifier.model, delta, epsilon, beta), sample)

@@ -20,11 +20,25 @@ def families_of(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Families:
-    """The attractors of the cells epsilon (m,) × delta (n,), joined to families that have one number each.
+    """Return the attractors of the cells epsilon (m,) × delta (n,), joined to families that have one number each.
 
     Every stable periodic orbit is continued into the four neighbours of its cell, and from there on, so that cells also
     have the orbits that their samples missed; chaotic attractors of neighbours are one where they visit the same
-    states. count, v_max, seed and budget: of the samples, as in `attractors_of`. docs/families.md has what is meant.
-    Raises ParameterError.
+    states.
+
+    Parameters
+    ----------
+    count, v_max, seed, budget
+        Of the samples, as in `attractors_of`. docs/families.md has what is meant.
+
+    Returns
+    -------
+    Families
+        The families, and the cells' attractors with their numbers.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     return families_over(ImpactingClassifier, delta, epsilon, {"beta": beta}, SampleSpec(count, v_max, seed, budget))

@@ -35,7 +35,7 @@ CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples
 STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
 
 
-class Cells(NamedTuple):
+class ImpactingCells(NamedTuple):
     """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet."""
 
     delta: Any
@@ -46,14 +46,14 @@ class Cells(NamedTuple):
 
 @inline
 def is_quiet(b, i, largest_invariant):
-    """True if the bounce of lane i, on Σ⁺, is certain to become quiet."""
+    """Return whether the bounce of lane i, on Σ⁺, is certain to become quiet."""
     force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
     return is_captured(-b.w[i], force, largest_invariant)
 
 
 @inline
-def fate(b, i, cell, cells, balls):
-    """What has become of lane i, on Σ⁺: (status, orbit)."""
+def fate_of_lane(b, i, cell, cells, balls):
+    """Return the outcome of lane i, on Σ⁺: (status, orbit)."""
     if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
@@ -80,7 +80,7 @@ def finish(b, i, k, status, orbit, samples):
 
 @inline
 def recurs(b, i, k, samples):
-    """True if lane i is back at its reference; the impacts since then go to the sample."""
+    """Return whether lane i is back at its reference; the impacts since then go to the sample."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
     near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
@@ -94,10 +94,10 @@ def recurs(b, i, k, samples):
 
 @inline
 def look(b, i, k, cells, samples, balls):
-    """What has become of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
+    """Return the outcome of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
-        status, orbit = fate(b, i, samples.cell[k], cells, balls)
+        status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
             return status, orbit, True
     if b.stuck[i] > 0.0:
@@ -126,8 +126,9 @@ def looked_round(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
-    impacts is UNRESOLVED.
+    """Follow the samples `which` until they end, with so many flights between two looks.
+
+    A sample that makes all its impacts is UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)
@@ -148,8 +149,8 @@ def record(b, i, batches):
         row[2] += contraction
 
 
-class Watch(NamedTuple):
-    """What witnesses are watched for: impacts and forcing periods (k,) at least; batch sums and footprints of each."""
+class Observation(NamedTuple):
+    """Observation of probes: impacts and forcing periods (k,) at least; batch sums and bitmaps of each."""
 
     least: Any
     periods: Any
@@ -159,7 +160,7 @@ class Watch(NamedTuple):
 
 @inline
 def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
-    """As `looked_round`, of lanes with a tangent vector."""
+    """Do `looked_round` for lanes with a tangent vector."""
     for i in range(GROUP * groups):
         j = b.who[i]
         if j >= 0:
@@ -192,12 +193,12 @@ def leave_footprints(b, groups, footprints):
 
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """As `settle`, with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
+    """Settle probes with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
     """
-    b, fresh, groups, watch = memory[0], NONE, GROUPS, Watch(least, periods, sums, footprints)
+    b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     empty(b)
     while groups > 0:
         fresh = watched_round(b, groups, fresh, which, cells, samples, balls, watch)
@@ -208,7 +209,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
             leave_footprints(b, groups, footprints)
 
 
-@for_type(point_of, Cells)
+@for_type(point_of, ImpactingCells)
 def _point_of(cell, cells):
     return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
 

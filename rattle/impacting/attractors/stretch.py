@@ -31,9 +31,11 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each; sums (n, BATCHES, COLUMNS), zero
-    before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes (4, LANES) is worked in.
+def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
+    """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each.
+
+    Sums (n, BATCHES, COLUMNS), zero before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes
+    (4, LANES) is worked in.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -76,9 +78,15 @@ def fly(memory, lanes, cell, tau, v, looks, cells, sums, paths):
 def stretch(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], longer: NDArray[np.float64], cells: Any
 ) -> NDArray[np.float64]:
-    """What the impacts of chaotic motions (n,) of these cells sum up to, each followed so many times as long as where
-    damping is strong: (n, BATCHES, COLUMNS), NaN of one that comes to rest.
+    """Return the sums over the impacts of chaotic motions (n,) of these cells.
+
+    Each is followed so many times as long as where damping is strong.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Sums (n, BATCHES, COLUMNS), NaN of a motion that comes to rest.
     """
     sums, lanes = np.zeros((cell.size, BATCHES, COLUMNS)), np.zeros((4, LANES))
-    fly(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
+    fly_and_sum(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
     return sums

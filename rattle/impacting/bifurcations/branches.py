@@ -9,9 +9,9 @@ from functools import partial
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton, plane_scale
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton_on_curve, plane_scale
 from rattle.continuation.conditions import Kind
-from rattle.continuation.followed import Followed, first_of_doubled
+from rattle.continuation.followed import FollowedBranch, first_of_doubled
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
     HALF_PERIOD,
@@ -40,8 +40,8 @@ SAME_MOTION = 1e-6  # in times
 
 
 @dataclass(frozen=True, repr=False)
-class Branch(Followed):
-    """A branch of the impacting model: see `Followed`. unknowns (k, n + 2): times as in `PeriodicOrbit`, δ and ε."""
+class Branch(FollowedBranch):
+    """Branch of the impacting model: see `FollowedBranch`. unknowns (k, n + 2): times as in `PeriodicOrbit`, δ, ε."""
 
     itinerary: Itinerary
     events: tuple[Event, ...]
@@ -57,9 +57,9 @@ class Branch(Followed):
         return self.times
 
     @property
-    def kappa(self) -> Array:
-        """Stiffness (k,): infinite."""
-        return np.full(len(self), np.inf)
+    def added(self) -> dict[str, Array]:
+        """No other parameters."""
+        return {}
 
     @property
     def unfolded(self) -> Array:
@@ -79,30 +79,48 @@ class Branch(Followed):
         return tuple(pair[int(above)] for above in index > 0.0)  # 0 at saddle-nodes, finite at grazes
 
     def curve_of(self, event: Event) -> str | None:
-        """The curve of `rattle.curves` that an event is on, None if it is on none of them."""
+        """Return the curve of `rattle.curves` that an event is on, None if it is on none of them."""
         return name_of(event)
 
     def orbit(self, index: int) -> PeriodicOrbit:
-        """The motion at one point."""
+        """Return the motion at one point."""
         return orbit_of(*self.motion(index))
 
 
 def branch(
     orbit: PeriodicOrbit | Orbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """The branch of a periodic motion in one parameter, both ways from it.
+    """Return the branch of a periodic motion in one parameter, both ways from it.
 
-    orbit: one of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`. parameter: "epsilon" or "delta", and span its (low,
-    high), by default 0.02 either way, below δ = 0.25 in proportion less; or a direction (dδ, dε), and span the
-    multiples of it that may be added, by default −1 to 1. resolution: points over the span, at least. The branch
-    goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit is no
-    solution.
+    The branch goes on beyond grazes, where the motion does not happen.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit | Orbit
+        One of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
+    parameter : Parameter
+        "epsilon" or "delta", and span its (low, high), by default 0.02 either way, below δ = 0.25 in proportion less;
+        or a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1.
+    resolution : int
+        Points over the span, at least.
+
+    Returns
+    -------
+    Branch
+        The branch.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the orbit is no solution.
     """
     orbit = as_periodic(orbit)
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
-    solved = newton(on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
+    solved = newton_on_curve(on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
     if solved is None:
         raise RattleError("the orbit does not solve the impact equations: take it from periodic_orbit")
     return _both_ways(orbit.itinerary, line, solved[0])
@@ -111,7 +129,20 @@ def branch(
 def doubled(
     event: Event, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """The branch of period-doubled motions that leaves a flip (PD), from there; arguments and errors as `branch`."""
+    """Return the branch of period-doubled motions that leaves a flip (PD), from there.
+
+    Arguments and errors as `branch`.
+
+    Returns
+    -------
+    Branch
+        The branch.
+
+    Raises
+    ------
+    RattleError
+        If the event is no flip.
+    """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
         raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
@@ -123,9 +154,21 @@ def doubled(
 
 
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
-    """The branches that meet at a graze (GR): of the motion that misses the wall, and of the one that touches it.
+    """Return the branches that meet at a graze (GR).
+
+    They belong to the motion that misses the wall, and to the one that touches it. Arguments and errors as `branch`.
 
     Arguments and errors as `branch`.
+
+    Returns
+    -------
+    tuple[Branch, Branch]
+        Both branches.
+
+    Raises
+    ------
+    RattleError
+        If the event is no graze.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
@@ -139,18 +182,39 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
 
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
-    """The branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`."""
+    """Return the branch through a solution x (n + 2,) of the impact equations.
+
+    Other arguments and errors as `branch`.
+
+    Returns
+    -------
+    Branch
+        The branch.
+    """
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
-    """What becomes of a motion on the straight way to other parameters: itself there, or the first event at which it
-    ceases to happen or its stability changes; None if neither can be found.
+    """Follow a motion on the straight way to other parameters.
+
+    Itself there, or the first event at which it ceases to happen or its stability changes; None if neither can be
+    found.
 
     Where Newton's method finds the motion there at once, close by and as stable, and from it this one here, nothing is
     looked for on the way.
-    Raises ParameterError, and RattleError if the orbit is no solution.
+
+    Returns
+    -------
+    PeriodicOrbit | Event | None
+        The motion there, the event that ends it, or None if neither can be found.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the orbit is no solution.
     """
     orbit = as_periodic(orbit)
     delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
@@ -170,7 +234,15 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Whether Newton's method leads from one motion to the other: next to a fold it may find a neighbour of it."""
+    """Return whether Newton's method leads from one motion to the other.
+
+    Next to a fold it may find a neighbour of it.
+
+    Returns
+    -------
+    bool
+        True if it does.
+    """
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
@@ -190,7 +262,7 @@ def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
 
 
 def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
-    """The branch through y = (times, p), in the direction of rising p there."""
+    """Return the branch through y = (times, p), in the direction of rising p there."""
     followed = _follower(itinerary, line).both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:

@@ -15,10 +15,17 @@ MOST_DOUBLINGS = 8  # time grows by six with each
 def cascade(
     orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, doublings: int = 6
 ) -> tuple[Event, ...]:
-    """The period-doubling cascade of a stable motion as the parameter grows: the flip at which it loses stability, that
-    of the doubled motion and so on, for so many doublings, or up to the graze or saddle-node that ends a stable branch.
+    """Return the period-doubling cascade of a stable motion as the parameter grows.
+
+    It holds the flip at which it loses stability, that of the doubled motion and so on, for so many doublings, or up to
+    the graze or saddle-node that ends a stable branch.
 
     Arguments and errors as `branch`.
+
+    Returns
+    -------
+    tuple[Event, ...]
+        The events, in order.
     """
     doublings = require_integer("doublings", doublings, 1, MOST_DOUBLINGS)
     here, found = branch(orbit, parameter, span), list[Event]()
@@ -45,7 +52,7 @@ def _around(
 
 
 def _loss_of_stability(here: Branch) -> Event | None:
-    """The first event, from where the branch was begun on, at which it stops being stable."""
+    """Return the first event, from the start of the branch on, at which it stops being stable."""
     stable = [*here.stable[here.start :], False]
     if True not in stable:
         return None

@@ -19,7 +19,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem, plane_scale, tangent_at, with_value
+from rattle.continuation.arclength import ContinuationProblem, plane_scale, tangent_at, with_value
 from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
@@ -62,8 +62,9 @@ def _no_square_root(delta: float, beta: float) -> float:
 
 @dataclass(frozen=True)
 class Condition:
-    """A codimension-two point: what vanishes there along the grazing curve, and the curves that meet, with the side on
-    which each exists (−1: smaller δ).
+    """Codimension-two point: the condition along the grazing curve, and the curves that meet there.
+
+    Each with the side on which it exists (−1: smaller δ).
     """
 
     meaning: str
@@ -104,11 +105,17 @@ class CodimensionTwo:
 
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
-    """COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta; points that it does not have are left
-    out, and below β = 1e-6 all.
+    """Return the points COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta.
+
+    Points that it does not have are left out, and below β = 1e-6 all. Positions to about 1e-12, orders by a fit.
 
     Positions to about 1e-12, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
     the paper's (section 5.2); COD20 and COD23 are not in it.
+
+    Returns
+    -------
+    tuple[CodimensionTwo, ...]
+        The points.
     """
     beta = require_number("beta", beta, positive=True)
     return _points(beta)
@@ -145,9 +152,16 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
 
 
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
-    """The measured order at which each pair of curves touches; a curve that ends there is continued virtually.
+    """Return the measured order at which each pair of curves touches.
+
+    A curve that ends there is continued virtually.
 
     Farther away than a share of δ of the point's own damping, curves that touch are as straight as those that cross.
+
+    Returns
+    -------
+    dict[tuple[str, str], float]
+        Order of each pair of names.
     """
     distances = np.geomspace(1e-5, 1e-2, 13) * delta * plane_scale(delta)
     orders = {}
@@ -183,7 +197,7 @@ def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) 
     return np.array(found)
 
 
-def _solved(problem: Problem, guess: Array, delta: float) -> Array:
+def _solved(problem: ContinuationProblem, guess: Array, delta: float) -> Array:
     x = with_value(problem, guess, -2, delta)
     if x is None:
         raise RattleError(f"a curve cannot be continued to delta = {delta}")
@@ -191,12 +205,18 @@ def _solved(problem: Problem, guess: Array, delta: float) -> Array:
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
-    """Damping interval in which the larger multiplier of the grazing C is real and in (2/3, 1), the paper's condition
-    for robust chaos at G1.
+    """Return the damping interval of the paper's condition for robust chaos at G1.
+
+    The larger multiplier of the grazing C is real and in (2/3, 1) there.
 
     From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the
     larger reaches 2/3. Below COD23 the chaos is not born at G1 but there already (docs/paper.md). Raises
     ParameterError, and RattleError if this backlash has no such point. Source: paper, section 5.2.
+
+    Returns
+    -------
+    tuple[float, float]
+        The lowest and the highest δ.
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_on_grazing(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))

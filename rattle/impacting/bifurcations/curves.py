@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import condition, scale_at
 from rattle.continuation.curves import (
     POINTS_ACROSS,
     QUIET_LIMIT,
     Curve,
-    Described,
-    Window,
+    CurveDescription,
+    PlaneWindow,
     limit_of_contact,
     spread_between,
     traced,
@@ -40,15 +40,33 @@ def trace(
     delta: tuple[float, float] = (0.3, 1.2),
     epsilon: tuple[float, float] = ALL_EPSILON,
 ) -> Curve:
-    """The bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
+    """Return the bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
 
-    name: one of `NAMES`, see `describe`. delta, epsilon: (low, high) of the window, dimensionless. Followed by
-    pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions to rounding
-    (`Curve`). Raises ParameterError, and RattleError where rounding keeps the curve from being followed.
+    Followed by pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions
+    to rounding (`Curve`).
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`, see `describe`.
+    delta, epsilon : tuple[float, float]
+        (low, high) of the window, dimensionless.
+
+    Returns
+    -------
+    Curve
+        The curve in pieces.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where rounding keeps the curve from being followed.
     """
     require_one_of("name", name, NAMES)
     beta = require_number("beta", beta, positive=True)
-    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings(window, beta)
     try:
@@ -57,7 +75,7 @@ def trace(
         raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
 
 
-def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
+def _traced(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     definition = CURVES[name]
     itinerary = definition.itinerary(beta)
     return traced(
@@ -72,8 +90,8 @@ def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
     )
 
 
-def _dampings(window: Window, beta: float) -> Array:
-    """Where a curve is looked for: over the window, at its edges, and beside the points where curves end."""
+def _dampings(window: PlaneWindow, beta: float) -> Array:
+    """Return the dampings at which a curve is searched: over the window, at its edges, and near the ends of curves."""
     low, high = window.delta
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
@@ -89,16 +107,27 @@ def bifurcation_curve(
     epsilon: tuple[float, float] = ALL_EPSILON,
     resolution: int = POINTS_ACROSS,
 ) -> Curve:
-    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic motion,
-    inside a window of the (δ, ε) plane.
+    """Return the saddle-node, flip or grazing curve through an event on a branch, inside a window of the plane.
+
+    The branch (`rattle.branch`) may be of any periodic motion.
 
     The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
     `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
-    the wall. Raises ParameterError.
+    the wall.
+
+    Returns
+    -------
+    Curve
+        The curve.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
-    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
     require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.label
@@ -126,10 +155,10 @@ def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
     return definition.belongs(x) or admissible_or_why(itinerary, x, definition.impact)
 
 
-def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> Described:
+def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
     """Phase, speed and multipliers of the motion of x, at a graze of the one that misses the wall."""
     tau = float(x[0] - np.floor(x[0]))
-    return Described(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
+    return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 
 
 def _named(name: str, x: Array, reason: str, beta: float) -> str:
@@ -143,11 +172,19 @@ def _named(name: str, x: Array, reason: str, beta: float) -> str:
     return f"{nearest}: {reason}" if nearest and off[nearest] < SAME_POINT else reason
 
 
-def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
-    """Where the contact force on Σ⁺ just reaches 0: x = (phase, δ, ε), force and its derivative vanish."""
+def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
+    """Return the curve on which the contact force on Σ⁺ just reaches 0.
+
+    x = (phase, δ, ε); the force and its derivative vanish.
+
+    Returns
+    -------
+    Curve
+        The curve.
+    """
 
     def equations(x: Array) -> Array:
         return Forcing(x[..., 2]).touch(x[..., 0], x[..., 1])
 
     guesses = (np.array([phase_of_least_force(float(d)), d, float(quiet_limit(d))]) for d in dampings)
-    return limit_of_contact(beta, Problem(equations, scale=scale_at), guesses, window)
+    return limit_of_contact(beta, ContinuationProblem(equations, scale=scale_at), guesses, window)

@@ -1,4 +1,4 @@
-"""What diagrams ask of the impacting gear, and its diagram."""
+"""Answer diagrams for the impacting gear, and draw up its diagram."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, runs
 from rattle.errors import RattleError, require_number
@@ -36,7 +36,7 @@ class ImpactingMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """One of each wherever they begin or end to exist."""
+        """Yield one of each wherever they begin or end to exist."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in runs(np.flatnonzero(exists)):
@@ -54,7 +54,7 @@ class ImpactingMotions(Motions):
         solved = at_parameters(itinerary, x)
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
-    def problem(self, itinerary: Itinerary) -> Problem:
+    def problem(self, itinerary: Itinerary) -> ContinuationProblem:
         """See `Motions`."""
         return on_line(itinerary, self.segment.start, self.segment.direction)
 
@@ -76,7 +76,7 @@ class ImpactingMotions(Motions):
         return found.events
 
     def beside(self, event: Event) -> Iterator[Motion]:
-        """The motion of the event and, at a graze, the one that misses the wall."""
+        """Yield the motion of the event and, at a graze, the one that misses the wall."""
         yield event.itinerary, event.unknowns
         if event.impact is not None:
             yield event.itinerary.without(event.impact), np.delete(event.unknowns, event.impact)
@@ -98,11 +98,29 @@ def diagram(
     most: int = 100,
     seed: int = 0,
 ) -> Diagram[Branch, Event]:
-    """The bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
+    """Return the bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
 
-    steps: intervals between the parameter values of the sweeps. count, v_max, seed: the sample at each of them, as in
-    `Gear.attractors`. impacts: branches have at most so many per period, on both walls; most: and so many branches
-    there are at most; what is beyond is named in left_out. Deterministic. Raises ParameterError.
+    Deterministic.
+
+    Parameters
+    ----------
+    steps : int
+        Intervals between the parameter values of the sweeps.
+    count, v_max, seed
+        The sample at each of them, as in `Gear.attractors`.
+    impacts : int
+        Branches have at most so many per period, on both walls; most: and so many branches there are at most; what is
+        beyond is named in left_out.
+
+    Returns
+    -------
+    Diagram[Branch, Event]
+        Sweeps, branches and events.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
     segment = Segment(require_end("start", start), require_end("end", end))

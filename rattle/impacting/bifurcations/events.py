@@ -1,4 +1,4 @@
-"""What happens on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes, solved for."""
+"""Find the events on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -8,7 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, between, last_inside, newton, root_between, tangent_at
+from rattle.continuation.arclength import (
+    ContinuationProblem,
+    last_inside,
+    newton_on_curve,
+    root_between,
+    solution_above_chord,
+    tangent_at,
+)
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
@@ -22,7 +29,7 @@ SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solu
 
 
 class Candidate(NamedTuple):
-    """Where on a branch an event seems to be: at y = (times, p), with a guess of its unknowns (n + 2,)."""
+    """Candidate of an event on a branch: at y = (times, p), with a guess of its unknowns (n + 2,)."""
 
     y: Array
     kind: Kind
@@ -79,9 +86,17 @@ class Event:
 
 
 def find_events(
-    itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> Iterator[Event]:
-    """The events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in order."""
+    """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch, in order.
+
+    The tangents are unit vectors.
+
+    Yields
+    ------
+    Event
+        An event.
+    """
     tests = _tests(itinerary, line, problem)
     values = _values(itinerary, line, points, tangents)
     real = [admissible(itinerary, line.plane(y)) for y in points]
@@ -105,10 +120,17 @@ def find_events(
 
 
 def between_twins(
-    itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Solutions to put between points, each (after which, y, tangent): there a test function that has one sign at both
-    its neighbours has the other, for two events are so near that one step passed both.
+    """Return solutions to put between points, each (after which, y, tangent).
+
+    There a test function that has one sign at both its neighbours has the other, for two events are so near that one
+    step passed both.
+
+    Returns
+    -------
+    list[tuple[int, Array, Array]]
+        The solutions.
     """
     tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -123,14 +145,14 @@ def between_twins(
         if not length[i] < at < length[i + 2] or lowest / value > NEARLY:
             continue
         k = int(i if at < length[i + 1] else i + 1)
-        y = between(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
+        y = solution_above_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
         if y is not None and tests[j][2](points[k + 1] - points[k], y) * values[k, j] < 0:
             found.append((k, y, tangent_at(problem, y, tangents[k])))
     return found
 
 
 def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """The test functions, in the order of `_tests`, at solutions."""
+    """Return the test functions, in the order of `_tests`, at solutions."""
     departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
     flips = [_flip(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
@@ -139,7 +161,9 @@ def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: 
 Test = Callable[[Array, Array], float]  # of the branch's direction and a solution; it changes sign at an event
 
 
-def _tests(itinerary: Itinerary, line: ParameterLine, problem: Problem) -> list[tuple[Kind, int | None, Test]]:
+def _tests(
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem
+) -> list[tuple[Kind, int | None, Test]]:
     def graze(impact: int) -> Test:
         return lambda _, y: float(itinerary.flights(line.plane(y)).w0[impact])
 
@@ -151,15 +175,15 @@ def _tests(itinerary: Itinerary, line: ParameterLine, problem: Problem) -> list[
 
 
 def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
-    """det J(−1), rows of length 1."""
+    """Return det J(−1), rows of length 1."""
     matrix = itinerary.jacobian(line.plane(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
 
 def _touches(
-    itinerary: Itinerary, line: ParameterLine, problem: Problem, inside: Array, outside: Array
+    itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, inside: Array, outside: Array
 ) -> list[Candidate]:
-    """Where a flight of the branch first touches a wall on its way: a graze of the itinerary with that impact more."""
+    """Return candidates where a flight first touches a wall: a graze of the itinerary with that impact more."""
     edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))
     failure = first_failure(itinerary, line.plane(beyond))
     if failure is None or failure[1] == 0:
@@ -170,22 +194,27 @@ def _touches(
 
 
 def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
-    """The event near a candidate, on the line, or None where there is none.
+    """Return the event near a candidate, on the line, or None where there is none.
 
     Where a branch turns back as a motion twice over, it leaves that motion of half the period at its flip.
+
+    Returns
+    -------
+    Event | None
+        The event, or None.
     """
     _, kind, itinerary, guess, impact = candidate
     half = _halved(itinerary, guess) if kind is Kind.SADDLE_NODE else None
     if half is not None:
         kind, (itinerary, guess) = Kind.FLIP, half
-    found = newton(condition(itinerary, kind, impact), guess, line.across(itinerary.n))
+    found = newton_on_curve(condition(itinerary, kind, impact), guess, line.across(itinerary.n))
     if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
         return None
     return Event(kind, itinerary, found[0], impact, admissible(itinerary, found[0], impact), after)
 
 
 def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
-    """Whether the times that y (≥ n,) begins with are those of one motion of half the period, twice over."""
+    """Return whether the times that y (≥ n,) begins with are those of one motion of half the period, twice over."""
     n, m = itinerary.n // 2, itinerary.m // 2
     if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
         return False
@@ -193,7 +222,7 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """The flip of the motion of half the period at which a branch that has come near it, at y, begins; or None."""
+    """Return the flip of the motion of half the period at which a branch near it, at y, begins; or None."""
     return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
 
 

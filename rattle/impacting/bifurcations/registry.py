@@ -38,7 +38,7 @@ class Definition:
     belongs: Callable[[Array], str | None] = lambda _: None
 
     def itinerary(self, beta: float) -> Itinerary:
-        """The walls at this half-backlash."""
+        """Return the walls at this half-backlash."""
         return Itinerary(self.walls, 1, beta)
 
 
@@ -52,13 +52,13 @@ def _of_a(x: Array) -> str | None:
 
 
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
-    """The flip next to SN2 on D, if D is stable before it."""
+    """Return the flip next to SN2 on D, if D is stable before it."""
     found = starts.flips(delta, beta)
     return found[:1] if found and starts.loses_stability(found[0], beta) else ()
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Where D becomes stable again, and beyond the fold where it ceases to be."""
+    """Return the flips at which D becomes stable again, and beyond the fold where it ceases to be."""
     return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
@@ -125,7 +125,7 @@ NAMES = (*CURVES, QUIET_LIMIT)
 
 
 def describe(name: str) -> str:
-    """What happens on a curve, to which orbits, and the source. Raises ParameterError on an unknown name."""
+    """Describe a curve: its event, its orbits, and the source. Raises ParameterError on an unknown name."""
     require_one_of("name", name, NAMES)
     if name == QUIET_LIMIT:
         return f"{QUIET_MEANING} ({PAPER}, section 3.1, has no formula)"
@@ -133,7 +133,7 @@ def describe(name: str) -> str:
 
 
 def name_of(event: Event) -> str | None:
-    """The curve of the registry that an event of a branch is on; None if it is on none of them."""
+    """Return the curve of the registry that an event of a branch is on; None if it is on none of them."""
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []
     for name, curve in CURVES.items():

@@ -1,4 +1,4 @@
-"""Where curves start: their solutions at one damping, from the closed forms of the period-one motions."""
+"""Start curves: their solutions at one damping, from the closed forms of the period-one motions."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -16,10 +16,11 @@ FINER, FINEST = 33, 12  # members between two neighbours of the family, one of w
 CLOSE = 0.02  # of ε, and in times: neighbours no farther apart are near it
 
 
-class Family(NamedTuple):
-    """The P(1,1,1) motions at one damping for rising times 1/2 + σ from Σ⁺ to Σ⁻, σ > 0: unknowns (k, 4), speed at
-    Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is positive on D, the second
-    negative where D is stable.
+class StartFamily(NamedTuple):
+    """The P(1,1,1) motions at one damping for rising times 1/2 + σ from Σ⁺ to Σ⁻, σ > 0.
+
+    Unknowns (k, 4), speed at Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is
+    positive on D, the second negative where D is stable.
     """
 
     sigma: Array
@@ -29,25 +30,25 @@ class Family(NamedTuple):
     flip: Array
 
 
-def members(sigma: Array, delta: float, beta: float) -> Family:
-    """The members of the family with these rising σ."""
-    closed = np.array([closed_form.closure(each, delta, beta) for each in sigma]).reshape(-1, 5)
+def members(sigma: Array, delta: float, beta: float) -> StartFamily:
+    """Return the members of the family with these rising σ."""
+    closed = np.array([closed_form.closure_residual(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
     itinerary = Itinerary((1, -1), 1, beta)
     at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
-    return Family(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
+    return StartFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
 
 
 @lru_cache(maxsize=256)
-def two_impacts(delta: float, beta: float) -> Family:
-    """The family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
+def two_impacts(delta: float, beta: float) -> StartFamily:
+    """Return the family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
     sigma, epsilon = closed_form.nodes(delta, beta)
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
-def zeros(values: Callable[[Family], Array], delta: float, beta: float) -> list[Array]:
+def zeros(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
     """Unknowns at the sign changes of a function of the family, in the order of σ, near enough to solve from."""
     coarse = two_impacts(delta, beta)
     at, found = values(coarse), []
@@ -84,7 +85,7 @@ def flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Whether a multiplier at a flip of the family leaves the unit circle there as σ grows (on D, as ε grows)."""
+    """Return whether a multiplier at a flip leaves the unit circle there as σ grows (on D, as ε grows)."""
     at = two_impacts(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 

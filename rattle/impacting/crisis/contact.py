@@ -1,4 +1,4 @@
-"""Where one piece of W^u(A) touches W^s(A): one scalar equation for ε, solved from a guess.
+"""Solve for the contact of one piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
 
 Let h(s, ε) be the signed distance of F^n(W(s)) from the local series of W^s(A), n its return to A: positive on the side
 of the attractor. The piece touches where the least of h along it vanishes, in a corner or in a smooth bend.
@@ -51,7 +51,7 @@ class Crisis:
         return self.epsilon - float(sn1_formula(self.delta))
 
 
-class Frame:
+class ManifoldFrame:
     """W^u(A) and W^s(A) at one parameter point."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
@@ -70,8 +70,14 @@ class Frame:
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
     def heights(self, states: Array) -> tuple[Array, Array]:
-        """Signed distance of states (2, n) from W^s(A), along the unstable eigenvector, and the place t on W^s(A)
-        (|t| at A's arclength) beside them; infinite where the series does not reach.
+        """Return the signed distance of states (2, n) from W^s(A), and the place t on W^s(A) beside them.
+
+        Along the unstable eigenvector; |t| at A's arclength; infinite where the series does not reach.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Distances and places, each (n,).
         """
         along, across = self.rows[1] @ (states - self.at), self.rows[0] @ (states - self.at)
         series = (self.stable.powers - self.stable.powers[0] * (np.arange(self.stable.powers.shape[0]) == 0)[:, None]).T
@@ -99,7 +105,7 @@ class Frame:
         return np.where(ok, self.heights(states)[0], np.inf), word
 
     def least(self, window: tuple[float, float], n: int) -> tuple[float, float]:
-        """The least height of F^n(W(s)) in a window of s, and its s, by finer and finer grids."""
+        """Return the least height of F^n(W(s)) in a window of s, and its s, by finer and finer grids."""
         low, high = window
         for _ in range(ZOOMS):
             s = np.linspace(low, high, GRID)
@@ -118,15 +124,28 @@ class Frame:
 
 
 @lru_cache(maxsize=256)
-def frame(delta: float, epsilon: float, beta: float) -> Frame:
-    """`Frame`, remembered."""
-    return Frame(delta, epsilon, beta)
+def frame(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
+    """`ManifoldFrame`, remembered."""
+    return ManifoldFrame(delta, epsilon, beta)
 
 
-def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
-    """The contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
+def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
+    """Return the contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
 
-    bracket: how far off, relative to gap, it may be at first. Raises RattleError if there is none.
+    Parameters
+    ----------
+    bracket : float
+        How far off, relative to gap, it may be at first.
+
+    Returns
+    -------
+    Crisis
+        The contact.
+
+    Raises
+    ------
+    RattleError
+        If there is none.
     """
     floor = float(sn1_formula(delta))
 
@@ -139,7 +158,15 @@ def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n:
 def solve_delta(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
-    """The contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once; as `solve`."""
+    """Return the contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once.
+
+    As `solve_contact`.
+
+    Returns
+    -------
+    Crisis
+        The contact.
+    """
 
     def m(x: float) -> float:
         return frame(x, float(sn1_formula(x)) + gap, beta).least(window, n)[0]
@@ -149,7 +176,7 @@ def solve_delta(
 
 
 def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """A root of m near x, from an interval of this half-width that moves and grows, by `most` of x at once."""
+    """Return a root of m near x, from an interval of this half-width that moves and grows, by `most` of x at once."""
     from scipy.optimize import brentq  # a quarter of a second to load
 
     low, high = x - half, x + half
@@ -180,15 +207,27 @@ def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, fl
 
 
 def reach(crisis: Crisis) -> float:
-    """Where on the series of W^s(A) the contact lies, relative to its end."""
+    """Return the place of the contact on the series of W^s(A), relative to its end."""
     here = frame(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.points(np.array([crisis.parameter]))
     return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
 
 
 def root_slope(crisis: Crisis) -> float:
-    """The coefficient b of h = b √x + c x + … on the side of the corner next to this contact where the square root is,
-    x the distance along W^u(A) relative to s. Positive: the corner touches; negative: the bend beside it.
+    """Return the coefficient b of h = b √x + c x + … at the corner next to this contact.
+
+    On the side where the square root is, x the distance along W^u(A) relative to s. Positive: the corner touches;
+    negative: the bend beside it.
+
+    Returns
+    -------
+    float
+        The coefficient b.
+
+    Raises
+    ------
+    RattleError
+        If the coefficient cannot be fitted.
     """
     here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))

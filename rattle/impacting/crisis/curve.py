@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from rattle.errors import RattleError, require, require_number
-from rattle.impacting.crisis.contact import Crisis, frame, reach, root_slope, solve, solve_delta
-from rattle.impacting.crisis.escape import is_chaotic
+from rattle.impacting.crisis.contact import Crisis, frame, reach, root_slope, solve_contact, solve_delta
+from rattle.impacting.crisis.escape import is_chaotic_below
 from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, touched
 from rattle.orbits.saddles import Array
 
@@ -66,14 +66,14 @@ def _steps(last: Crisis) -> int:
 
 
 def in_delta(known: list[Crisis], delta: float) -> Crisis:
-    """The contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
+    """Return the contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_guess(known, np.array([point.delta for point in known]), y, delta))
-    return solve(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
+    return solve_contact(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
 
 
 def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """The contact at SN1 + gap that continues those known; near COD22, where δ − δ(COD22) goes with √gap."""
+    """Return the contact at SN1 + gap that continues those known; near COD22, where δ − δ(COD22) goes with √gap."""
     last = known[-1]
     root = np.sqrt([point.gap for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
@@ -102,7 +102,7 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
                     why = f"below delta = {known[chaotic].delta:.5f} what attracts W^u(A) is not chaotic, and {why}"
                 return known[: chaotic + 1], why
             continue
-        known.append(replace(found, chaotic=is_chaotic(found)))
+        known.append(replace(found, chaotic=is_chaotic_below(found)))
         step *= 2.0
         if known[-1].chaotic:
             chaotic = len(known) - 1
@@ -124,7 +124,7 @@ def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
 
 
 def _changes(points: list[Crisis]) -> list[Crisis]:
-    """Where the coefficient of the square root next to the corner vanishes, between points of different contact."""
+    """Return the points between different contacts at which the coefficient of the square root vanishes."""
     from scipy.optimize import brentq
 
     found = []
@@ -145,10 +145,22 @@ def _changes(points: list[Crisis]) -> list[Crisis]:
 def crisis_curve(
     low: float | None = None, high: float | None = None, beta: float = 0.6, resolution: float = 0.01
 ) -> CrisisCurve:
-    """The boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
+    """Return the boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
 
     At most resolution apart in δ; towards COD22, by steps of ε − SN1, to 1e-5 of SN1. ε as accurate as
-    `boundary_crisis`, which begins it. Raises ParameterError, and RattleError if there is no crisis where it begins.
+    `boundary_crisis`, which begins it.
+
+    Returns
+    -------
+    CrisisCurve
+        The contacts along the curve.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If there is no crisis where it begins.
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)

@@ -1,4 +1,4 @@
-"""Which part of W^u(A) goes to rest, on the side of rising v; and whether chaos ends where W^u(A) touches W^s(A).
+"""Find the part of W^u(A) that goes to rest, and whether chaos ends where W^u(A) touches W^s(A).
 
 W^s(A) bounds the basin of quiet motion. Before the crisis all of W^u(A) on the side of rising v stays with the
 attractor there; past it some of it lies beyond W^s(A), and goes to rest. Samples of one fundamental domain tell, from
@@ -50,12 +50,12 @@ class Saddles(NamedTuple):
     multiplier: Array
 
     def at(self, chosen: Flags) -> "Saddles":
-        """At these of the points."""
+        """Return at these of the points."""
         return Saddles(*(x[chosen] for x in self))
 
     @property
     def exists(self) -> Flags:
-        """Where A exists (n,)."""
+        """Flags (n,) of the points at which A exists."""
         return np.isfinite(self.tau)
 
     @property
@@ -70,7 +70,10 @@ class Saddles(NamedTuple):
 
     @property
     def decidable(self) -> Flags:
-        """Where W^u(A) can be followed until it is known: there is rest to go to, in a bearable number of impacts."""
+        """Flags of the points at which W^u(A) can be followed until its fate is known.
+
+        There is rest to go to, in a bearable number of impacts.
+        """
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _longer(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.excursions < most)
 
@@ -90,7 +93,7 @@ def _longer(delta: Array) -> Array:
 
 
 def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
-    """A at flat arrays of parameters."""
+    """Return a at flat arrays of parameters."""
     orbits = period_one(delta, epsilon, beta)
     multiplier = np.real(orbits.multipliers[0, 0])
     return Saddles(delta, epsilon, beta, orbits.tau[0], orbits.v[0], multiplier)
@@ -99,7 +102,7 @@ def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
 def _direction(
     delta: float, epsilon: float, beta: float, tau: float, v: float, multiplier: float
 ) -> tuple[float, float]:
-    """The unstable unit eigenvector at A, towards rising v."""
+    """Return the unstable unit eigenvector at A, towards rising v."""
     j00, j01, j10, j11 = impact_tangent(tau, v, delta, epsilon, beta, DRIFT, False)[5:9]
     one, other = (j01, multiplier - j00), (multiplier - j11, j10)
     x, y = one if np.hypot(*one) > np.hypot(*other) else other
@@ -107,9 +110,11 @@ def _direction(
     return x / size, y / size
 
 
-class Followed:
-    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points, after so many impacts (n,) at
-    most; s (n, count): their distance from A at the start, which is their place on W^u(A).
+class FollowedManifold:
+    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points.
+
+    After so many impacts (n,) at most; s (n, count): their distance from A at the start, which is their place on
+    W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
@@ -124,22 +129,22 @@ class Followed:
 
     @property
     def at_rest(self) -> Flags:
-        """Which of them (n, count) are certain to come to rest."""
+        """Flags (n, count) of the samples that are certain to come to rest."""
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """At which epsilon (n,) a part of W^u(A) goes to rest; False where that is not decidable."""
+    """Return at which epsilon (n,) a part of W^u(A) goes to rest; False where that is not decidable."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.decidable
     if found.any():
         a = a.at(found)
-        found[found] = Followed(a, SAMPLES, a.first_excursion).at_rest.any(axis=1)
+        found[found] = FollowedManifold(a, SAMPLES, a.first_excursion).at_rest.any(axis=1)
     return found
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """A at one parameter point. Raises RattleError if it is absent, or nothing is decidable there."""
+    """Return a at one parameter point. Raises RattleError if it is absent, or nothing is decidable there."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(
@@ -151,7 +156,7 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
     """Share of the orbits of W^u(A) that are chaotic after so many impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = Followed(a, WATCHED, a.first_excursion + settle)
+    found = FollowedManifold(a, WATCHED, a.first_excursion + settle)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0
@@ -161,13 +166,13 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
     return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / WATCHED
 
 
-def is_chaotic(contact: Crisis) -> bool:
-    """Whether what attracts W^u(A) just below the contact is chaotic."""
+def is_chaotic_below(contact: Crisis) -> bool:
+    """Return whether what attracts W^u(A) just below the contact is chaotic."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
     return any(chaotic_part(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
 
 
 def outlived(contact: Crisis) -> bool:
-    """Whether chaos outlives the contact."""
+    """Return whether chaos outlives the contact."""
     epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
     return chaotic_part(contact.delta, epsilon, contact.beta) > FEW

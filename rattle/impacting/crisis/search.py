@@ -6,8 +6,8 @@ import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.contact import Crisis, frame, solve
-from rattle.impacting.crisis.escape import SAMPLES, Followed, escapes, is_chaotic, outlived, saddle_at
+from rattle.impacting.crisis.contact import Crisis, frame, solve_contact
+from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, escapes, is_chaotic_below, outlived, saddle_at
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
@@ -27,7 +27,7 @@ WIDER = 12
 
 
 def end_of_curve(beta: float) -> float:
-    """δ of COD22, in which the crisis begins."""
+    """Return δ of COD22, in which the crisis begins."""
     for point in codimension_two(beta):
         if point.name == "COD22":
             return point.delta
@@ -49,14 +49,14 @@ def _gaps(delta: float, beta: float) -> Array:
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
 
 
-def _followed(delta: float, beta: float, gap: float, density: int) -> Followed:
+def _followed(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
     """W^u(A) at SN1 + gap, by so many samples per unit of ln s. Raises RattleError where nothing is decidable."""
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
-    return Followed(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
+    return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
 
 
 def touched(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Whether W^u(A) escapes at SN1 + gap."""
+    """Return whether W^u(A) escapes at SN1 + gap."""
     return bool(_followed(delta, beta, gap, density).at_rest.any())
 
 
@@ -68,7 +68,20 @@ def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float
 
 
 def _runs(delta: float, beta: float, gap: float) -> list[Array]:
-    """Runs of places s in a fundamental domain of W^u(A) that escape, longest first, with one more on both sides."""
+    """Return runs of places s in a fundamental domain of W^u(A) that escape, longest first.
+
+    With one more on both sides.
+
+    Returns
+    -------
+    list[Array]
+        Places of each run.
+
+    Raises
+    ------
+    RattleError
+        If no piece escapes.
+    """
     found = _followed(delta, beta, gap, CHECKED)
     s, gone = found.s[0], found.at_rest[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
@@ -79,7 +92,7 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
-    """Steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
+    """Return the steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
     here = frame(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
@@ -99,8 +112,14 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 
 
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Where a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A): the longest of which the
-    contact is found.
+    """Return the contact of a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low.
+
+    The longest of which the contact is found.
+
+    Returns
+    -------
+    Crisis
+        The contact with W^s(A).
     """
     *runs, last = _runs(delta, beta, high)[:MOST_RUNS]
     for run in runs:
@@ -110,7 +129,7 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
-    """Of the returns to A that the orbit in the middle of a run makes, that which touches at the least ε."""
+    """Return the contact at the least ε among the returns to A that the orbit in the middle of a run makes."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(f"the orbit that escapes at epsilon = {sn1_formula(delta) + high} does not return to A")
@@ -126,7 +145,7 @@ def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> 
                 break
             width *= 2.0
         try:
-            found.append(solve(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low)))
+            found.append(solve_contact(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low)))
         except RattleError as error:
             last = error
     if not found:
@@ -135,7 +154,7 @@ def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> 
 
 
 def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """The least ε between SN1 + low and SN1 + high at which W^u(A) touches W^s(A)."""
+    """Return the least ε between SN1 + low and SN1 + high at which W^u(A) touches W^s(A)."""
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)
@@ -146,12 +165,22 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
-    """The last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
+    """Return the last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
 
     W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet limit, beyond which
     nothing rests; the piece is the first among those that 40000 points per unit of its ln s show. Raises
     ParameterError, and RattleError where no chaotic attractor is seen to end in a contact with A, saying why, and below
     δ = 0.1. Source: docs/crisis.md; the paper leaves it open.
+
+    Returns
+    -------
+    Crisis
+        The contact.
+
+    Raises
+    ------
+    RattleError
+        If no chaotic attractor is seen to end in a contact with A.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)
@@ -172,7 +201,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         except RattleError as error:
             reasons.append(str(error))
             continue
-        if not is_chaotic(found):
+        if not is_chaotic_below(found):
             reason = "what attracts W^u(A) there is not chaotic"
         elif outlived(found):
             reason = "the chaotic attractor outlives it"

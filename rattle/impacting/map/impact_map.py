@@ -40,10 +40,14 @@ def impact(tau, v, delta, epsilon, beta, drift):
 
 @kernel
 def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
-    """Π with its 2×2 tangent matrix: (status, τ', v', elapsed, Σ⁻ impacts, j00, j01, j10, j11, ln det).
+    """Return Π with its 2×2 tangent matrix.
 
-    Coordinates (τ, v), or (τ, v²/2) if energy; in the latter each flight has determinant e^(−δs). ln det is summed over
-    the flights' own determinants, which near grazing is far more accurate than the determinant of the product.
+    Coordinates (τ, v), or (τ, v²/2) if energy; in the latter each flight has determinant e^(−δs).
+
+    Returns
+    -------
+    result
+        (status, τ', v', elapsed, Σ⁻ impacts, j00, j01, j10, j11, ln det).
     """
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0

@@ -40,16 +40,21 @@ _memory = _Memory()
 
 
 def working_block() -> Any:
-    """The block of lanes of this thread (1,), as kernels take it."""
+    """Return the block of lanes of this thread (1,), as kernels take it."""
     return _memory.block
 
 
 def _driver(tangent: bool) -> Any:
     @kernel
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
-        """Π^n of each element of flat arrays, lanes refilled as they finish.
+        """Return Π^n of each element of flat arrays, lanes refilled as they finish.
 
         Returns (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
+
+        Returns
+        -------
+        result
+            (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
         """
         b, size = memory[0], tau.size
         out_tau, out_v = tau.copy(), v.copy()
@@ -90,10 +95,15 @@ _drive_plain, _drive_tangent = _driver(False), _driver(True)
 def iterate(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Iterates:
-    """Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast (dimensionless).
+    """Return Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast.
 
-    A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not depend on the
-    others. Raises ParameterError. Source: Mason and Piiroinen (2009), equation 3.16; docs/kernel.md.
+    Dimensionless. A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not
+    depend on the others.
+
+    Returns
+    -------
+    Iterates
+        States and numbers of impacts.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta)
     _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))
@@ -103,10 +113,22 @@ def iterate(
 def iterate_tangent(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Stretched:
-    """As `iterate`, with a tangent vector re-normalised on the way: both Lyapunov exponents over the n impacts.
+    """Return `iterate` with both Lyapunov exponents over the n impacts.
+
+    A tangent vector is re-normalised on the way.
 
     The vector starts along phase, in (t, v²/2), where a flight's determinant is e^(−δs); the second exponent is the
-    mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0. Raises ParameterError.
+    mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0.
+
+    Returns
+    -------
+    Stretched
+        States, times and exponents.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta)
     _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
@@ -116,7 +138,7 @@ def iterate_tangent(
 def paths(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
-    """How many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
+    """Return how many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
     flat, _shape = checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)

@@ -30,7 +30,7 @@ LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18  # impacts; more below th
 
 @kernel
 def largest_eta(delta):
-    """η below which the kick per period is under δ/2."""
+    """Return η below which the kick per period is under δ/2."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
@@ -38,7 +38,7 @@ def largest_eta(delta):
 
 @kernel
 def invariant_of(delta, epsilon, beta, largest):
-    """As `capture_invariant`; largest (ABREAST,) is worked in."""
+    """Return `capture_invariant`; largest (ABREAST,) is worked in."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -67,7 +67,7 @@ def fill_invariants(delta, epsilon, beta, largest, found):
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """As `capture_invariant`, for flat arrays."""
+    """Return `capture_invariant` for flat arrays."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
@@ -84,28 +84,48 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """The same for flat arrays."""
+    """Return the same for flat arrays."""
     smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
 
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """About how many impacts quiet motion makes until it is certain, for flat arrays; inf from the quiet limit on.
+    """Estimate the impacts of quiet motion until it is certain, for flat arrays; inf from the quiet limit on.
 
-    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, most of them at the end.
+    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, more where v³/g is the smaller
+    invariant.
+
+    Returns
+    -------
+    Array
+        Number of impacts.
     """
     with np.errstate(divide="ignore"):
         return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
 
 
 def longest_rest(delta: Array) -> Array:
-    """Impacts of a motion that is still waited for to become quiet, for flat arrays: as all that takes relaxation times
-    1/δ, more where damping is weak, within what a few milliseconds allow.
+    """Return the impacts for which a motion is followed until it becomes quiet, for flat arrays.
+
+    It takes relaxation times 1/δ, more where damping is weak, within what a few milliseconds allow.
+
+    Returns
+    -------
+    Array
+        Number of impacts.
     """
     return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Whether there is quiet motion, but takes more than `longest_rest` impacts: no sample tells it from chaos then."""
+    """Return whether there is quiet motion, but takes more than `longest_rest` impacts.
+
+    No sample tells it from chaos then.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        True where no sample tells it from chaos.
+    """
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > longest_rest(delta))

@@ -15,9 +15,14 @@ AT_REST = 1e-4  # speed below which a bounce of a motion that is certain to beco
 
 @kernel
 def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_time, impact_wall, impact_speed):
-    """Write Φ and Φ' at rising times, and the impacts until the last of them: (status, number of impacts, rest).
+    """Write Φ and Φ' at rising times, and the impacts until the last of them.
 
     Impacts beyond the room for them are counted, not written.
+
+    Returns
+    -------
+    result
+        (status, number of impacts, rest).
     """
     wall, w, now, phase = SIGMA_PLUS, -v, 0.0, tau
     i, impacts = 0, 0

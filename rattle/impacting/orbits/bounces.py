@@ -10,7 +10,7 @@ import math
 from rattle.flight.forcing import phase_of_least_force, relative_force, relative_swing
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.circuits import keep, walk_round
-from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton
+from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
 from rattle.numerics.compile import kernel
 
 ONE_BY_ONE = 6  # up to here all n are tried: the flips of the first are not in order
@@ -22,8 +22,9 @@ NONE, STABLE, UNSTABLE = range(3)
 
 @kernel
 def share_out(work, x):
-    """Fill the shares of half a period's bounces that follow the least contact force, ε being x quiet limits: with one
-    adiabatic invariant v³/g they come at a rate g/2v ∝ g^(2/3).
+    """Fill the shares of half a period's bounces that follow the least contact force, ε being x quiet limits.
+
+    With one adiabatic invariant v³/g they come at a rate g/2v ∝ g^(2/3).
     """
     shares = work.shares
     shares[0] = 0.0
@@ -36,8 +37,9 @@ def share_out(work, x):
 
 @kernel
 def space(work, n, offset, least):
-    """Set the times to n bounces with one adiabatic invariant, the first of them a share `offset` ∈ [−1, 0] of a bounce
-    after the phase `least` of least contact force.
+    """Set the times to n bounces with one adiabatic invariant.
+
+    The first of them is a share `offset` ∈ [−1, 0] of a bounce after the phase `least` of least contact force.
     """
     shares, i = work.shares, 0
     for j in range(n):
@@ -54,9 +56,9 @@ def space(work, n, offset, least):
 
 @kernel
 def node(n, least, work, delta, epsilon, beta):
-    """What the node of n bounces is, NONE, STABLE or UNSTABLE, kept if it is stable."""
+    """Return NONE, STABLE or UNSTABLE for the node of n bounces, kept if it is stable."""
     space(work, n, 0.0, least)
-    solved, at_one = newton(work, n, 0.5, delta, epsilon, beta)
+    solved, at_one = newton_on_times(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:
         keep(work, n, delta, epsilon, beta)
         return STABLE if at_one < 2.0 * (1.0 + determinant(delta, 1.0, n)) else UNSTABLE

@@ -8,7 +8,7 @@ import math
 
 from rattle.flight.impact_law import determinant
 from rattle.flight.law import wrapped
-from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_if_admissible, moved, newton
+from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_if_admissible, moved, newton_on_times
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
@@ -25,7 +25,7 @@ LOST, WOUND, CLOSED = range(3)
 
 
 @kernel
-def enter(n_plus, n_minus, tau, v, trace, work):
+def enter_orbit(n_plus, n_minus, tau, v, trace, work):
     """Enter an orbit unless it is there, or there is no room."""
     n = work.n_found
     for j in range(n):
@@ -50,13 +50,19 @@ def keep(work, n, delta, epsilon, beta):
             n_plus = 0.0
             for i in range(n):
                 n_plus += 1.0 if work.walls[i] > 0 else 0.0
-            enter(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
+            enter_orbit(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
 
 
 @kernel
-def reached(work, n, s, farthest, delta, epsilon, beta):
-    """The point of the curve in the plane across the walk's direction at distance s, by corrections no longer than
-    `farthest`: (found, R_0, dR_0/ds).
+def point_reached(work, n, s, farthest, delta, epsilon, beta):
+    """Return the point of the curve in the plane across the walk's direction at distance s.
+
+    By corrections no longer than `farthest`.
+
+    Returns
+    -------
+    result
+        (found, R_0, dR_0/ds).
     """
     for i in range(n):
         work.times[i] = work.point[i] + s * work.direction[i]
@@ -77,10 +83,8 @@ def reached(work, n, s, farthest, delta, epsilon, beta):
 
 
 @kernel
-def turned(work, n):
-    """The cosine of the turn from the walk's direction to the curve's, and the length of `response`, negative where the
-    first time falls.
-    """
+def turn_of_curve(work, n):
+    """Return the cosine of the turn from the walk's direction to the curve's, and the length of `response`."""
     square, along = 0.0, 0.0
     for i in range(n):
         square += work.response[i] * work.response[i]
@@ -91,12 +95,13 @@ def turned(work, n):
 
 @kernel
 def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Keep the orbit at the change of sign of R_0 between two distances: Newton's steps along the curve, or halves of
-    the bracket, and at last Newton's method on all equations.
+    """Keep the orbit at the change of sign of R_0 between two distances.
+
+    Newton's steps along the curve, or halves of the bracket, and at last Newton's method on all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
-        ok, f, slope = reached(work, n, s, farthest, delta, epsilon, beta)
+        ok, f, slope = point_reached(work, n, s, farthest, delta, epsilon, beta)
         if not ok:
             break
         lo, hi = (s, hi) if (f > 0.0) == (f_lo > 0.0) else (lo, s)
@@ -105,14 +110,14 @@ def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
         if inside and abs(step) < close:
             break
         s = s + step if inside else 0.5 * (lo + hi)
-    solved, _at_one = newton(work, n, 0.1, delta, epsilon, beta)
+    solved, _at_one = newton_on_times(work, n, 0.1, delta, epsilon, beta)
     if solved:
         keep(work, n, delta, epsilon, beta)
 
 
 @kernel
 def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
-    """Where R_0, of one sign at 0 and at `hi`, has the other between, near an extremum: (whether, distance, R_0)."""
+    """Find the point near an extremum where R_0 has the other sign than at 0 and `hi`: (found, distance, R_0)."""
     lo, whole = 0.0, hi
     if min(abs(f_lo), abs(f_hi)) > 0.5 * hi * max(abs(slope_lo), abs(slope_hi)):
         return False, 0.0, 0.0
@@ -124,7 +129,7 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
                 break
         s = lo - slope_lo * (hi - lo) / (slope_hi - slope_lo)
-        ok, f, slope = reached(work, n, s, whole, delta, epsilon, beta)
+        ok, f, slope = point_reached(work, n, s, whole, delta, epsilon, beta)
         if not ok:
             break
         if f * f_lo <= 0.0:
@@ -138,14 +143,14 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
 
 @inline
 def resolved(s, f0, slope0, f1, slope1):
-    """Whether R_0 and its slopes at both ends of a step agree so well that they tell how often it vanishes between."""
+    """Return whether R_0 and its slopes at both ends of a step agree so well that its zeros between are certain."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
 def came_round(work, n, s):
-    """Whether the step to come passes the start of the work."""
+    """Return whether the step to come passes the start of the work."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]
@@ -155,13 +160,13 @@ def came_round(work, n, s):
 
 
 @kernel
-def begun(work, n, delta, epsilon, beta):
+def begin_walk(work, n, delta, epsilon, beta):
     """Begin a walk on the curve near the motion: (whether it is there, R_0, dR_0/ds)."""
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0
-    ok, f, slope = reached(work, n, 0.0, FARTHEST, delta, epsilon, beta)
-    cosine, length = turned(work, n)
+    ok, f, slope = point_reached(work, n, 0.0, FARTHEST, delta, epsilon, beta)
+    cosine, length = turn_of_curve(work, n)
     for i in range(n):
         work.start[i] = work.point[i] = work.times[i]
         work.direction[i] = work.response[i] / length
@@ -170,14 +175,20 @@ def begun(work, n, delta, epsilon, beta):
 
 @kernel
 def walk_round(work, n, span, longest, delta, epsilon, beta):
-    """Keep all stable orbits on the circuit near the motion, until its first time has changed by `span` or the circuit
-    closes: (WOUND, CLOSED or LOST, how often R_0 changed its sign). Steps are no longer than `longest`.
+    """Keep all stable orbits on the circuit near the motion.
+
+    Until its first time has changed by `span` or the circuit closes. Steps are no longer than `longest`.
+
+    Returns
+    -------
+    result
+        WOUND, CLOSED or LOST, and the number of sign changes of R_0.
     """
-    ok, f0, slope0 = begun(work, n, delta, epsilon, beta)
+    ok, f0, slope0 = begin_walk(work, n, delta, epsilon, beta)
     s, zeros = longest, 0
     for step in range(MOST_STEPS if ok else 0):
-        ok, f1, slope1 = reached(work, n, s, s, delta, epsilon, beta)
-        cosine, length = turned(work, n)
+        ok, f1, slope1 = point_reached(work, n, s, s, delta, epsilon, beta)
+        cosine, length = turn_of_curve(work, n)
         if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not resolved(s, f0, slope0, f1, slope1)):
             s *= 0.4
             if s < SHORTEST:

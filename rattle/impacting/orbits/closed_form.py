@@ -40,13 +40,13 @@ Array = NDArray[np.float64]
 
 
 @inline
-def sine_offset(delta):
-    """As `limits.sine_offset`."""
+def sine_offset_kernel(delta):
+    """Return `limits.sine_offset`."""
     return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 
 @kernel
-def closure(sigma, delta, beta):
+def closure_residual(sigma, delta, beta):
     """Numerators of X, Y, v, u (speed at Σ⁻) and their common denominator, at time 1/2 + σ from Σ⁺ to Σ⁻."""
     omc, siny, _defect = versines(sigma)
     cosy = 1.0 - omc  # minus those of 2πs
@@ -58,7 +58,7 @@ def closure(sigma, delta, beta):
     apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
     k_r = both - apart
     root = math.expm1(-delta * h)
-    b1 = 2.0 * le * math.tanh(0.25 * delta) * sine_offset(0.5 * delta) - 4.0 * slow * root * root
+    b1 = 2.0 * le * math.tanh(0.25 * delta) * sine_offset_kernel(0.5 * delta) - 4.0 * slow * root * root
     a11, a12 = -k_r * siny, 2.0 * apart + k_r * omc
     f = ls / (delta * le)
     a21 = 2.0 - omc - f * FOUR_PI * er * siny
@@ -75,23 +75,29 @@ def closure(sigma, delta, beta):
 
 @kernel
 def amplitude(sigma, delta, beta):
-    """ε(σ) on the family: infinite at its pole."""
-    x, y, _v, _u, determinant = closure(sigma, delta, beta)
+    """Return ε(σ) on the family: infinite at its pole."""
+    x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """0: ε(σ) − level;  1: speed at Σ⁻ times the closure's denominator (no pole)."""
+    """0: ε(σ) − level; 1: speed at Σ⁻ times the closure's denominator (no pole)."""
     if kind == 0:
         return amplitude(sigma, delta, beta) - level
-    return closure(sigma, delta, beta)[3]
+    return closure_residual(sigma, delta, beta)[3]
 
 
 @kernel
-def solve(kind, level, lo, hi, delta, beta):
-    """Root of a residual that changes sign over (lo, hi): secant steps, halved when they stall, down to adjacent
-    doubles.
+def solve_bracketed(kind, level, lo, hi, delta, beta):
+    """Return the root of a residual that changes sign over (lo, hi).
+
+    Secant steps, halved when they stall, down to adjacent doubles.
+
+    Returns
+    -------
+    result
+        The root.
     """
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
@@ -153,8 +159,14 @@ def fill_nodes(delta, beta, sigma, e):
 
 
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
-    """Increasing σ and ε(σ), between which ε is monotone: a scan that is geometric about the pole, with the turning
-    points added.
+    """Return increasing σ and ε(σ), between which ε is monotone.
+
+    A scan that is geometric about the pole, with the turning points added.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        σ and ε.
     """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_nodes(delta, beta, sigma, e)
@@ -169,7 +181,7 @@ def trace_of_one_flight(delta, x):
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
+    """Return a (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -182,8 +194,8 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 @kernel
 def double_impact_orbit(sigma, delta, epsilon, beta):
-    """The P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
-    x, y, v, u, determinant = closure(sigma, delta, beta)
+    """Return the P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
+    x, y, v, u, determinant = closure_residual(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
@@ -209,7 +221,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 
 @kernel
-def record(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
+def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
     """Keep the first admissible orbit of a kind: with σ from 1/2 down, the branch that SN2 creates comes first."""
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
@@ -223,24 +235,30 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
         ok, tau, v, trace = single_impact_orbit(-1.0, d, eps, b, offset[i])
-        record(A, ok, tau, v, trace, exists, phase, speed, traces, i)
+        record_root(A, ok, tau, v, trace, exists, phase, speed, traces, i)
         ok, tau, v, trace = single_impact_orbit(1.0, d, eps, b, offset[i])
-        record(C, ok, tau, v, trace, exists, phase, speed, traces, i)
+        record_root(C, ok, tau, v, trace, exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last]:
             n = fill_nodes(d, b, sigma, e)
         last = i
         for j in range(n - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
-                root = solve(0, eps, sigma[j], sigma[j + 1], d, b)
+                root = solve_bracketed(0, eps, sigma[j], sigma[j + 1], d, b)
                 ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
-                record(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
+                record_root(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
 
 
 def period_one_cells(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v,
-    trace), (4, n).
+    """Return all admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other.
+
+    (exists, τ, v, trace), (4, n).
+
+    Returns
+    -------
+    tuple[NDArray[np.bool_], Array, Array, Array]
+        (exists, τ, v, trace), each (4, n).
     """
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
@@ -251,24 +269,30 @@ def period_one_cells(
 
 @kernel
 def next_grazing(sigma, delta, beta):
-    """The first σ beyond this one at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
-    lo, f_lo = sigma, closure(sigma, delta, beta)[3]
+    """Return the first σ beyond this one at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
+    lo, f_lo = sigma, closure_residual(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
     while lo < 0.5:
         hi = min(lo * ratio, 0.5)
-        f_hi = closure(hi, delta, beta)[3]
+        f_hi = closure_residual(hi, delta, beta)[3]
         if (f_lo > 0.0) != (f_hi > 0.0):
-            return solve(1, 0.0, lo, hi, delta, beta)
+            return solve_bracketed(1, 0.0, lo, hi, delta, beta)
         lo, f_lo = hi, f_hi
     return math.nan
 
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """The grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ). Its minimum is on Σ⁻, and nothing else is
-    touched.
+    """Return the grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ).
+
+    Its minimum is on Σ⁻, and nothing else is touched.
+
+    Returns
+    -------
+    result
+        (admissible, ε, τ, ε cos 2πτ).
     """
-    x, y, _v, _u, determinant = closure(sigma, delta, beta)
+    x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
     x, y = x / determinant, y / determinant
     epsilon, tau, s = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma
     v = TWO_PI * delta
@@ -303,7 +327,7 @@ def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, 
 
 @kernel
 def grazing_cosine(delta, beta):
-    """ε cos 2πτ and ε where the family first grazes beyond σ = 0, whichever orbit that is; NaN if nowhere."""
+    """Return ε cos 2πτ and ε where the family first grazes beyond σ = 0, whichever orbit that is; NaN if nowhere."""
     sigma = next_grazing(EDGE, delta, beta)
-    x, y, _v, _u, determinant = closure(sigma, delta, beta)
+    x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
     return x / determinant, math.hypot(x, y) / abs(determinant)

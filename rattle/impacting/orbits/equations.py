@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, line_scale
+from rattle.continuation.arclength import ContinuationProblem, line_scale
 from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between
 from rattle.flight.forcing import analytic_phase
 from rattle.flight.impact_law import arrival_part, impact_mismatch
@@ -34,8 +34,9 @@ from rattle.orbits.periodic import Equations
 
 @kernel
 def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
-    """Fill the flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n), zero before
-    and without rows if it is not asked for.
+    """Fill the flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n).
+
+    They are zero before, and J without rows if it is not asked for.
     """
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
@@ -64,7 +65,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 @dataclass(frozen=True)
 class Itinerary(Equations):
-    """Which walls a motion meets, in how many forcing periods, and the half-backlash."""
+    """Walls that a motion meets, in their order, its forcing periods, and the half-backlash."""
 
     @property
     def n(self) -> int:
@@ -86,7 +87,7 @@ class Itinerary(Equations):
         return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:
-        """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
+        """Return the flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
         return Flights(*self._solved(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
@@ -104,8 +105,14 @@ class Itinerary(Equations):
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:
-        """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a
-        graze.
+        """Return the product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs).
+
+        Infinite at a graze.
+
+        Returns
+        -------
+        Array
+            The matrix.
         """
         flights = self.flights(x)
         product = np.eye(2)
@@ -121,24 +128,38 @@ class Itinerary(Equations):
         return product
 
     def trace(self, x: Array) -> float:
-        """The trace of the monodromy; infinite at a graze, where the terms are too, of either sign, and have no sum."""
+        """Return the trace of the monodromy.
+
+        Infinite at a graze, where the terms are too, of either sign, and have no sum.
+
+        Returns
+        -------
+        float
+            The trace.
+        """
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
 
 
-def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
-    """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
+def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> ContinuationProblem:
+    """Return the equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
 
     def equations(y: NDArray) -> NDArray:
         n = itinerary.n
         return itinerary.residual(np.concatenate([y[..., :n], origin + y[..., n:] * direction], axis=-1))
 
-    return Problem(equations, scale=line_scale(origin, direction))
+    return ContinuationProblem(equations, scale=line_scale(origin, direction))
 
 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
-    """Both multipliers (2,) of the motion of x; at a graze those of the motion that misses the impact `grazed`, which
-    are finite.
+    """Return both multipliers (2,) of the motion of x.
+
+    At a graze those of the motion that misses the impact `grazed`, which are finite.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        The multipliers, the larger modulus first.
     """
     if grazed is not None:
         itinerary, x = itinerary.without(grazed), np.delete(x, grazed)

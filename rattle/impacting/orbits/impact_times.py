@@ -46,10 +46,15 @@ def workspace() -> np.void:
 
 
 @inline
-def flight_between(s, sin0, cos0, gap, delta, epsilon):
-    """Velocities at both ends of a flight of duration s over a distance, and 1 − e^(−δs); short ones lose no digits.
+def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
+    """Return the velocities at both ends of a flight of duration s over a distance, and 1 − e^(−δs).
 
-    F(s) = gap, with F of `rattle.flight.law`, is linear in w.
+    Short ones lose no digits. F(s) = gap, with F of `rattle.flight.law`, is linear in w.
+
+    Returns
+    -------
+    result
+        Three numbers.
     """
     step = versines(s)
     x = delta * s
@@ -62,8 +67,8 @@ def flight_between(s, sin0, cos0, gap, delta, epsilon):
 
 
 @inline
-def following(i, n):
-    """The number of the next impact, and how many periods later it counts."""
+def following_impact(i, n):
+    """Return the number of the next impact, and how many periods later it counts."""
     return (i + 1, 0.0) if i < n - 1 else (0, 1.0)
 
 
@@ -76,10 +81,10 @@ def equations(work, n, delta, epsilon, beta):
         work.residual[i], at[i] = 0.0, 0.0
     real = True
     for i in range(n):
-        j, later = following(i, n)
+        j, later = following_impact(i, n)
         s = times[j] + later - times[i]
         gap = beta * (walls[j] - walls[i])
-        w0, w1, lost = flight_between(s, work.sines[i], work.cosines[i], gap, delta, epsilon)
+        w0, w1, lost = flight_velocities(s, work.sines[i], work.cosines[i], gap, delta, epsilon)
         real = real and w0 * walls[i] < 0.0 and w1 * walls[j] > 0.0
         pull, decay = delta / lost, 1.0 - lost
         sin0, cos0, sin1, cos1 = work.sines[i], work.cosines[i], work.sines[j], work.cosines[j]
@@ -94,10 +99,14 @@ def equations(work, n, delta, epsilon, beta):
 
 @kernel
 def eliminated(work, n):
-    """Solve all equations but the first: (R_0 after `change`, dR_0/dt_0 along `response`, p(1)), n ≥ 2.
+    """Solve all equations but the first, n ≥ 2.
 
-    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers of an orbit, is det J / Π ∂R_i/∂t_(i+1) but for
-    the sign. Nothing cancels at a saddle-node.
+    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers of an orbit, is det J times a positive factor.
+
+    Returns
+    -------
+    result
+        (R_0 after `change`, dR_0/dt_0 along `response`, p(1)).
     """
     before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
     for i in range(1, n):
@@ -131,7 +140,7 @@ def moved(work, n, first):
         work.change[i] += first * work.response[i]
         size = max(size, abs(work.change[i]))
     for i in range(n):
-        j, later = following(i, n)
+        j, later = following_impact(i, n)
         most = (1.0 - SHARE_LEFT) * (work.times[j] + later - work.times[i])
         shorter = work.change[i] - work.change[j]
         if shorter > most:
@@ -142,9 +151,15 @@ def moved(work, n, first):
 
 
 @kernel
-def newton(work, n, farthest, delta, epsilon, beta):
-    """Newton's method on all equations, in steps no longer than `farthest`: (found, p(1)); not found
-    either if the motion comes from behind a wall.
+def newton_on_times(work, n, farthest, delta, epsilon, beta):
+    """Solve all equations by Newton's method, in steps no longer than `farthest`.
+
+    It fails too if the motion comes from behind a wall.
+
+    Returns
+    -------
+    result
+        (found, p(1)).
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):
@@ -160,14 +175,14 @@ def newton(work, n, farthest, delta, epsilon, beta):
 
 @kernel
 def fastest_if_admissible(work, n, delta, epsilon, beta):
-    """Whether each flight is a true first impact, and τ and v of the fastest impact on Σ⁺."""
+    """Return whether each flight is a true first impact, and τ and v of the fastest impact on Σ⁺."""
     tau, v = 0.0, 0.0
     for i in range(n):
-        j, later = following(i, n)
+        j, later = following_impact(i, n)
         wall, t = work.walls[i], folded(work.times[i])
         s, gap = work.times[j] + later - work.times[i], beta * (work.walls[j] - wall)
         sin0, cos0 = phase_at(t)
-        w0, _w1, _lost = flight_between(s, sin0, cos0, gap, delta, epsilon)
+        w0, _w1, _lost = flight_velocities(s, sin0, cos0, gap, delta, epsilon)
         if not wall * w0 < 0.0:
             return False, tau, v
         status, time, met, _w, _d, _f, _s1, _c1 = first_impact(wall, t, w0, delta, epsilon, beta, DRIFT)

@@ -34,7 +34,7 @@ def sine_offset_series(q: Any) -> Any:
 
 
 def sine_offset(delta: ArrayLike) -> FloatArray:
-    """ε sin 2πτ of A and C: 2 − δ coth(δ/2) ≤ 0, by its series where the difference would cancel."""
+    """Return ε sin 2πτ of A and C: 2 − δ coth(δ/2) ≤ 0, by its series where the difference would cancel."""
     d = np.asarray(delta, dtype=np.float64)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of the one that is not taken
         series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)

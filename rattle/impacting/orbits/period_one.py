@@ -1,5 +1,7 @@
-"""A–D over whole parameter arrays, with multipliers and stability; the regions that they make; their grazing curves G1
-(C touches Σ⁻) and G2 (A touches); SN1 and the flip of C where these motions happen.
+"""A–D over whole parameter arrays, with multipliers and stability.
+
+The regions that they make; their grazing curves G1 (C touches Σ⁻) and G2 (A touches); SN1 and the flip of C where these
+motions happen.
 
 On the P(1,1,1) family of `rattle.impacting.orbits.closed_form` the orbit grazes where its speed at Σ⁻ vanishes. There
 it is also A or C, so v = 2πδ, and the multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 −
@@ -24,8 +26,9 @@ BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # above SN1; of ε
 
 
 class Grazing(NamedTuple):
-    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S); NaN
-    where absent.
+    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
+
+    NaN where absent.
     """
 
     epsilon: NDArray[np.float64]
@@ -35,9 +38,14 @@ class Grazing(NamedTuple):
 
 
 def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
-    """G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
+    """Return G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
 
     NaN where the curve does not exist at that damping. Raises ParameterError. Source: paper, section 5.2.
+
+    Returns
+    -------
+    Grazing
+        The grazing orbits.
     """
     require_one_of("curve", curve, CURVES)
     d, _, b = parameters(delta, 0.0, beta)
@@ -49,12 +57,17 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
 
 
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> PeriodOne:
-    """The admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
+    """Return the admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
 
     Admissible: each flight of the closed form is a true first impact. A, C: P(1,1,0), born at SN1; B, D: P(1,1,1), at
     given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. At large ε and small δ or
     β there can be several of one letter; the one with the largest s is given (docs/decisions/0002-regions.md). Raises
     ParameterError. Source: Mason and Piiroinen (2009), sections 4 and 5.
+
+    Returns
+    -------
+    PeriodOne
+        Existence, states and multipliers, (4, …).
     """
     d, e, b = parameters(delta, epsilon, beta)
     shape = d.shape
@@ -76,7 +89,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
 
 
 def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
-    """The admissible orbits at one parameter point, in the order A, B, C, D."""
+    """Return the admissible orbits at one parameter point, in the order A, B, C, D."""
     found = period_one(delta, epsilon, beta)
     return tuple(
         Orbit(
@@ -91,7 +104,7 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
             delta,
             epsilon,
             beta,
-            np.inf,
+            {},
         )
         for i, name in enumerate(NAMES)
         if found.exists[i]
@@ -99,10 +112,17 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8; another set of orbits, as it is beside the
-    paper's plane, by its number in `rattle.REGIONS`.
+    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
+
+    Another set of orbits, as it is beside the paper's plane, by its number in `rattle.REGIONS`. δ > 0, ε ≥ 0, β > 0,
+    dimensionless.
 
     δ > 0, ε ≥ 0, β > 0, dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
+
+    Returns
+    -------
+    NDArray[np.int8]
+        Number of each region.
     """
     return classify(period_one(delta, epsilon, beta))
 
@@ -165,7 +185,7 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
 
 
 def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
-    """These eccentricities (of the shape of delta) where C is admissible or, if virtual, everywhere; else NaN."""
+    """Return these eccentricities (of the shape of delta) where C is admissible or, if virtual, all; else NaN."""
     d, _, b = parameters(delta, 0.0, beta)
     e = np.broadcast_to(epsilon, d.shape)
     if virtual:
@@ -175,7 +195,7 @@ def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtu
 
 
 def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
-    """What happens instead of SN1 and of the flip of C, for those of the two that do not happen at this damping."""
+    """Return the events that replace SN1 and the flip of C, for those of the two that do not happen at this damping."""
     born, end = not np.isnan(sn1(delta, beta)), float(grazing("G1", delta, beta).epsilon)
     found = []
     if not born:

@@ -1,8 +1,8 @@
-"""Any periodic motion P(m, n₊, n₋), stable or not: solved for the times of its impacts, with multipliers and a check
-that each flight is a true first impact.
+"""Any periodic motion P(m, n₊, n₋), stable or not.
+
+Solved for the times of its impacts, with multipliers and a check that each flight is a true first impact.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,22 +47,34 @@ class PeriodicOrbit(Periodic):
 
 
 def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
-    """The motion of a solution x (n + 2,) of the impact equations; impacts start with one on Σ⁺, time folded."""
+    """Return the motion of a solution x (n + 2,) of the impact equations; impacts start with one on Σ⁺, time folded."""
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
     return PeriodicOrbit.of(itinerary, x, speeds, itinerary.trace(x), admissible(itinerary, x))
 
 
 def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
-    """Whether the motion of x (n + 2,) is admissible: it leaves each wall into the gap, and each flight ends at its
-    first impact. Impact number `grazed`, if given, has speed 0 and may be made or missed.
+    """Return whether the motion of x (n + 2,) is admissible.
+
+    It leaves each wall into the gap, and each flight ends at its first impact. Impact number `grazed`, if given, has
+    speed 0 and may be made or missed.
+
+    Returns
+    -------
+    bool
+        True if it is.
     """
     return first_failure(itinerary, x, grazed) is None
 
 
 def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
-    """The first flight that does not happen: (its impact of departure, the wall that it meets instead and when).
+    """Return the first flight that does not happen: (its impact of departure, the wall that it meets instead and when).
 
     Wall 0: the motion would have to leave from behind the wall. None if all flights happen.
+
+    Returns
+    -------
+    tuple[int, int, float] | None
+        The failure, or None.
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
@@ -92,7 +104,7 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
-    """Whether a flight that misses the grazed impact i + 1 arrives where the next flight does."""
+    """Return whether a flight that misses the grazed impact i + 1 arrives where the next flight does."""
     after = (i + 2) % itinerary.n
     arrival = ends[i + 2] if i + 2 < ends.size else ends[1] + itinerary.m
     return bool(wall == itinerary.walls[after] and abs(s - (arrival - ends[i])) < GRAZING_TIME)
@@ -109,7 +121,20 @@ def _impact(
 def follow_impacts(
     delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
 ) -> tuple[Itinerary, Array]:
-    """The itinerary and the unknowns (n + 2,) of the flights from (τ, v) until Σ⁺ has been met n_plus times more."""
+    """Return the itinerary and the unknowns (n + 2,) of the flights from (τ, v) on.
+
+    Until Σ⁺ has been met n_plus times more.
+
+    Returns
+    -------
+    tuple[Itinerary, Array]
+        The itinerary and the unknowns.
+
+    Raises
+    ------
+    RattleError
+        If the motion comes to rest before.
+    """
     walls, times = [1], [tau]
     time, wall, w, left = tau, 1, -v, n_plus
     while True:
@@ -128,12 +153,23 @@ def follow_impacts(
 def periodic_orbit(
     delta: float, epsilon: float, tau: float, v: float, n_plus: int = 1, beta: float = 0.6
 ) -> PeriodicOrbit:
-    """The periodic motion near the state (τ, v) after an impact on Σ⁺, with n_plus ≥ 1 impacts on Σ⁺ per period.
+    """Return the periodic motion near the state (τ, v) after an impact on Σ⁺, with n_plus ≥ 1 impacts on Σ⁺ per period.
 
     Newton's method on the impact equations, from the flights that start at (τ, v): tau, v and n_plus are those of an
     `Attractor`. The motion has its least period: if it repeats itself earlier than after n_plus impacts, its n_plus is
-    smaller. All numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is no
-    periodic motion near, or it does not happen.
+    smaller. All numbers dimensionless; time in forcing periods.
+
+    Returns
+    -------
+    PeriodicOrbit
+        The motion.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If there is no periodic motion near, or it does not happen.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
@@ -148,11 +184,19 @@ def periodic_orbit(
 
 
 def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
-    """A motion as its impact equations; an `Orbit` is solved for. Raises ParameterError if it is another gear's."""
+    """Return a motion as its impact equations; an `Orbit` is solved for.
+
+    Raises ParameterError if it is another gear's.
+
+    Returns
+    -------
+    PeriodicOrbit
+        The motion.
+    """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
-    require(math.isinf(orbit.kappa), "this orbit is of the stiff gear: follow it with rattle.stiff.stiff_branch")
+    require(not orbit.added, "this orbit is of the stiff gear: follow it with rattle.stiff.stiff_branch")
     return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
@@ -169,7 +213,20 @@ def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None)
 
 
 def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
-    """A, B, C or D at one parameter point (dimensionless). Raises ParameterError, and RattleError if it is absent."""
+    """Return A, B, C or D at one parameter point (dimensionless).
+
+    Returns
+    -------
+    PeriodicOrbit
+        The motion.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If it is absent.
+    """
     for orbit in orbits_at(delta, epsilon, beta):
         if orbit.name == name:
             return periodic_orbit(delta, epsilon, orbit.tau, orbit.v, 1, beta)

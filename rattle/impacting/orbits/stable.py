@@ -14,9 +14,9 @@ from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.forcing import phase_of_least_force, relative_swing
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.bounces import find_bounces
-from rattle.impacting.orbits.circuits import CLOSED, LOST, enter, keep, walk_round
+from rattle.impacting.orbits.circuits import CLOSED, LOST, enter_orbit, keep, walk_round
 from rattle.impacting.orbits.closed_form import single_impact_orbit
-from rattle.impacting.orbits.impact_times import newton, workspace
+from rattle.impacting.orbits.impact_times import newton_on_times, workspace
 from rattle.impacting.orbits.limits import sine_offset
 from rattle.numerics.compile import kernel
 
@@ -30,9 +30,11 @@ STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))  # time to cr
 
 
 class Stable(NamedTuple):
-    """The stable orbits of period one of cells: how many (cells,), and (cells, room), those with the fewest impacts
-    first, their impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of the fastest impact on Σ⁺, and trace of the
-    tangent map over the period; 0 and NaN beyond the last.
+    """The stable orbits of period one of cells.
+
+    How many (cells,), and (cells, room), those with the fewest impacts first, their impacts on Σ⁺ and on Σ⁻ in a
+    period, phase and speed of the fastest impact on Σ⁺, and trace of the tangent map over the period; 0 and NaN beyond
+    the last.
     """
 
     n: Counts
@@ -77,7 +79,7 @@ def find_single(single, others, least, work, delta, epsilon, beta):
             work.walls[i] = single if i == 0 else -single
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
-        if solved and newton(work, n, 0.3, delta, epsilon, beta)[0]:
+        if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
             keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero may not see it
         how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
@@ -89,7 +91,7 @@ def find_stable(work, delta, epsilon, beta, offset):
     """Keep all stable orbits of period one of a cell."""
     exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
     if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
-        enter(1.0, 0.0, tau, v, trace, work)
+        enter_orbit(1.0, 0.0, tau, v, trace, work)
     least = phase_of_least_force(delta)
     find_crossings(least, work, delta, epsilon, beta)
     x, gap = relative_swing(delta, epsilon), beta / delta
@@ -128,7 +130,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
 
 
 def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable:
-    """The stable orbits of period one of flat parameter arrays (cells,), with room for so many of each cell."""
+    """Return the stable orbits of period one of flat parameter arrays (cells,), with room for so many of each cell."""
     shape = (delta.size, room)
     n, (n_plus, n_minus), (tau, v, trace) = (
         np.zeros(delta.size, np.int64),

@@ -1,4 +1,4 @@
-"""What is proved of a block of the plane: exact numbers, so that anybody can check it."""
+"""Theorem about a block of the plane: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rattle.proof.certificate import Ends, text, texts
 FORMAT = 1
 
 
-class State(StrEnum):
-    """What is claimed of A, B, C or D."""
+class ClaimedState(StrEnum):
+    """Claim about A, B, C or D."""
 
     NONE = "none"
     THERE = "there"  # one, and whether it attracts is left open
@@ -21,7 +21,7 @@ class State(StrEnum):
     SADDLE = "saddle"
 
 
-_NONE, _THERE, _ATTRACTING, _SADDLE = State
+_NONE, _THERE, _ATTRACTING, _SADDLE = ClaimedState
 REGIONS = {
     "I": {"A": _NONE, "B": _NONE, "C": _NONE, "D": _NONE},
     "II": {"A": _SADDLE, "B": _NONE, "C": _THERE, "D": _NONE},
@@ -33,7 +33,7 @@ ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
 #: What a claim says of which motions; of those that it does not name it says nothing.
-CLAIMS: dict[str, dict[str, State]] = {
+CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},
     **{claim: {letter: _SADDLE} for letter, claim in SADDLE.items()},
@@ -43,7 +43,7 @@ QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captu
 
 
 @dataclass(frozen=True)
-class Block:
+class ProvedBlock:
     """A theorem about all δ and ε between these ends, at one β; speed: below it quiet captures, if that is claimed."""
 
     claim: str
@@ -58,7 +58,7 @@ class Block:
         return (self.delta[1] - self.delta[0]) * (self.epsilon[1] - self.epsilon[0])
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number is text, a decimal or a ratio, and exact."""
+        """Return the block as a JSON document: every number is text, a decimal or a ratio, and exact."""
         document: dict[str, object] = {
             "format": FORMAT,
             "theorem": "area",
@@ -70,5 +70,5 @@ class Block:
         return document if self.speed is None else {**document, "speed": text(self.speed)}
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -17,17 +17,17 @@ from __future__ import annotations
 from fractions import Fraction
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import Piece, hull, upper
-from rattle.proof.areas.quiet import limit
+from rattle.proof.areas.piece import PlanePiece, hull, upper
+from rattle.proof.areas.quiet import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
 PARTS = 128  # of a period
 KEPT = 0.95  # of the damping, at most, is undone: what is left makes v³/g decay
 
 
-def require_captures(piece: Piece, speed: Fraction) -> None:
+def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     """Raise NotProvedError unless all motions that leave Σ⁺ slower than this, at any phase, become quiet."""
-    share = piece.epsilon / limit(arb_series([piece.delta]))[0]
+    share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
         raise NotProvedError("quiet is not proved to be possible")
     mean = 4 * PI() * piece.delta
@@ -50,9 +50,21 @@ def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
 
 
-def _longest(piece: Piece, share: arb, invariant: arb) -> arb:
-    """A bound H of all bounces: they return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at
-    2H; and that they are lower than the gap, y ≤ v²/(2 least g).
+def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
+    """Return a bound H of all bounces.
+
+    They return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at 2H; and they are lower than
+    the gap, y ≤ v²/(2 least g).
+
+    Returns
+    -------
+    arb
+        The bound H.
+
+    Raises
+    ------
+    NotProvedError
+        If no bound is found.
     """
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
@@ -87,7 +99,7 @@ def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """a = w²γ and its derivatives by x, where w = e^(δ(t − t₀)) and dt/dx = w."""
+    """Return a = w²γ and its derivatives by x, where w = e^(δ(t − t₀)) and dt/dx = w."""
     g, g1, g2, g3 = _force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

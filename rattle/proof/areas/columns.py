@@ -19,10 +19,10 @@ from rattle.impacting.map.quiet import capture_speed
 from rattle.impacting.orbits.limits import flip_formula, quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
 from rattle.orbits.period_one import NAMES, classify
-from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import require_captures
 from rattle.proof.areas.finder import Prover
-from rattle.proof.areas.piece import Piece, hull
+from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball, precision
 from rattle.proof.certificate import Ends
 
@@ -48,27 +48,27 @@ def columns(delta: Ends, number: int) -> list[Ends]:
     return list(pairwise(places))
 
 
-def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[Block]:
-    """The blocks that are proved of a column."""
+def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
+    """Return the blocks that are proved of a column."""
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in CUT.items():
             for part in columns(delta, parts):
                 for claim, low, high in expected(kind, float(beta), part, epsilon):
                     limits = _within(low, high, epsilon)
-                    found += [Block(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
+                    found += [ProvedBlock(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
         found += _captured(beta, delta, epsilon)
     return found
 
 
-def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Block]:
+def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
     """Blocks that end at some shares of the quiet limit, each with a speed below which quiet captures."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURED_TO:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))
         if not low < high:
             continue
-        piece = Piece(hull(*map(ball, delta)), hull(ball(low), ball(high)), ball(beta))
+        piece = PlanePiece(hull(*map(ball, delta)), hull(ball(low), ball(high)), ball(beta))
         speed = Fraction(capture_speed(float(delta[0]), float(high), float(beta)))
         for _ in range(MOST_SLOWED):
             speed = round(speed * SLOWED, PLACES)
@@ -76,20 +76,20 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Block]:
                 require_captures(piece, speed)
             except NotProvedError:
                 continue
-            yield Block(CAPTURED, beta, delta, (low, high), round(speed * ROOM, PLACES))
+            yield ProvedBlock(CAPTURED, beta, delta, (low, high), round(speed * ROOM, PLACES))
             break
         low = high
 
 
 def _within(low: float, high: float, plane: Ends) -> Ends:
-    """The same in few digits, and the edges of the plane exactly."""
+    """Return the same range in few digits, and the edges of the plane exactly."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
 def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
-    """The ε of the blocks on which the claim is proved."""
+    """Return the ε of the blocks on which the claim is proved."""
 
     def proves(low: Fraction, high: Fraction) -> bool:
         try:
@@ -117,7 +117,15 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
 
 
 def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Where each claim of a kind holds at both edges and in the middle of a column, as doubles tell."""
+    """Return the spans of ε on which each claim of a kind holds, as doubles tell.
+
+    At both edges and in the middle of a column.
+
+    Returns
+    -------
+    list[Span]
+        The spans.
+    """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
     found = [_spans(kind, place, beta, epsilon) for place in places]
     spans = found[0]
@@ -154,7 +162,7 @@ def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
 
 
 def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """The claims of a kind that hold at these points, "" where none does."""
+    """Return the claims of a kind that hold at these points, "" where none does."""
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

@@ -7,8 +7,8 @@ from fractions import Fraction
 
 from rattle.errors import NotProvedError
 from rattle.proof.areas import one_impact, quiet, two_impacts
-from rattle.proof.areas.block import CLAIMS, LOUD, QUIET, State
-from rattle.proof.areas.piece import Piece, hull
+from rattle.proof.areas.block import CLAIMS, LOUD, QUIET, ClaimedState
+from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball
 from rattle.proof.certificate import Ends
 
@@ -20,11 +20,11 @@ class Prover:
     """Proves claims on blocks at one β; what it finds of B and D at some δ serves all blocks at these δ."""
 
     beta: Fraction
-    _cells: dict[Ends, tuple[two_impacts.Cell, two_impacts.Cell]] = field(default_factory=dict)
+    _cells: dict[Ends, tuple[two_impacts.SolutionCell, two_impacts.SolutionCell]] = field(default_factory=dict)
 
     def require(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
         """Raise NotProvedError unless the claim holds at all points of δ₀ … δ₁, ε₀ … ε₁: as a whole, or of parts."""
-        piece = Piece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
+        piece = PlanePiece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
         try:
             self._require_of(piece, claim, delta)
         except NotProvedError:
@@ -34,7 +34,7 @@ class Prover:
             self.require(claim, (delta[0], middle), epsilon, depth + 1)
             self.require(claim, (middle, delta[1]), epsilon, depth + 1)
 
-    def _require_of(self, piece: Piece, claim: str, delta: Ends) -> None:
+    def _require_of(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         if claim in (QUIET, LOUD):
             if quiet.possible(piece) is not (claim == QUIET):
                 raise NotProvedError(f"it is not told that {claim}")
@@ -46,22 +46,22 @@ class Prover:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.cells(piece)
             runs, state = two_impacts.motions(piece, self._cells[delta], letter), states[letter]
-            told = state not in (State.NONE, State.THERE) and len(runs) == 1
+            told = state not in (ClaimedState.NONE, ClaimedState.THERE) and len(runs) == 1
             require_state(letter, state, len(runs), two_impacts.attracts(piece, runs[0]) if told else None)
 
 
-def _of_one_impact(piece: Piece, letter: str, state: State) -> tuple[int | None, bool | None]:
+def _of_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
     there = one_impact.exists(piece, letter)
-    if there and state is not State.THERE:
+    if there and state is not ClaimedState.THERE:
         return 1, one_impact.attracts(piece, letter)
     return None if there is None else int(there), None
 
 
-def require_state(letter: str, state: State, number: int | None, attracts: bool | None) -> None:
+def require_state(letter: str, state: ClaimedState, number: int | None, attracts: bool | None) -> None:
     """Raise NotProvedError unless so many motions (None: not told) make this the state."""
     if number is None:
         raise NotProvedError(f"it is not told whether {letter} is there")
-    if number != (state is not State.NONE):
+    if number != (state is not ClaimedState.NONE):
         raise NotProvedError(f"there are {number} motions {letter}, not {state}")
-    if state in (State.ATTRACTING, State.SADDLE) and attracts is not (state is State.ATTRACTING):
+    if state in (ClaimedState.ATTRACTING, ClaimedState.SADDLE) and attracts is not (state is ClaimedState.ATTRACTING):
         raise NotProvedError(f"{letter} is not proved to be {state}")

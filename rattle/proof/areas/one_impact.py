@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rattle.proof.areas.piece import FINEST, Piece, centred, hull, lower, upper
+from rattle.proof.areas.piece import FINEST, PlanePiece, centred, hull, lower, upper
 from rattle.proof.balls import PI, arb, arb_series
 
 
@@ -27,22 +27,22 @@ def most_stable(delta: arb_series) -> arb_series:
     return delta * (offset(delta) + 2) / (2 * PI())
 
 
-def height(s: arb, delta: arb_series, x: arb) -> arb_series:
+def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
     """F(s; δ, X) and its derivative by δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
     return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
 
 
-def slope(s: arb, delta: arb, x: arb) -> arb:
+def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
     """∂F/∂s."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
     return 2 * PI() * (driven + offset(arb_series([delta]))[0] * cosine)
 
 
-def exists(piece: Piece, letter: str) -> bool | None:
-    """Whether A (C) is there at all points of the piece; None if that is not told."""
+def exists(piece: PlanePiece, letter: str) -> bool | None:
+    """Return whether A (C) is there at all points of the piece; None if that is not told."""
     y = centred(offset, piece.delta)
     if upper(piece.epsilon) < lower(y):
         return False
@@ -52,7 +52,7 @@ def exists(piece: Piece, letter: str) -> bool | None:
     return False if _touches(piece, lower(x)) else None
 
 
-def attracts(piece: Piece, letter: str) -> bool | None:
+def attracts(piece: PlanePiece, letter: str) -> bool | None:
     """Likewise, of one that is there, whether both its multipliers are inside the unit circle (else one is outside)."""
     if letter == "A":
         return False  # X < 0: its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
@@ -60,7 +60,7 @@ def attracts(piece: Piece, letter: str) -> bool | None:
     return True if upper(x) < lower(limit) else False if lower(x) > upper(limit) else None
 
 
-def cosines(piece: Piece, letter: str, y: arb) -> arb:
+def cosines(piece: PlanePiece, letter: str, y: arb) -> arb:
     """X wherever there is one on the piece."""
     least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
@@ -71,8 +71,8 @@ def _ends(x: arb) -> tuple[arb, arb]:
     return lower(x), upper(x)
 
 
-def _stays(piece: Piece, least: arb, most: arb) -> bool:
-    """Whether −2β < F < 0 for 0 < s < 1 and all X between these."""
+def _stays(piece: PlanePiece, least: arb, most: arb) -> bool:
+    """Return whether −2β < F < 0 for 0 < s < 1 and all X between these."""
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
@@ -84,23 +84,25 @@ def _stays(piece: Piece, least: arb, most: arb) -> bool:
     return True
 
 
-def _stays_in(piece: Piece, start: arb, end: arb, least: arb, most: arb) -> bool:
+def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
     s, middle = hull(start, end), (start + end) / 2
 
     def over(x: arb) -> arb:
-        return centred(lambda delta: height(middle, delta, x), piece.delta) + slope(s, piece.delta, x) * (s - middle)
+        return centred(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
+            s, piece.delta, x
+        ) * (s - middle)
 
     if not over(most) > -2 * piece.beta:
         return False
     if start == 0:
-        return bool(slope(s, piece.delta, least) < 0)
-    return bool(slope(s, piece.delta, least) > 0 if end == 1 else over(least) < 0)
+        return bool(slope_enclosure(s, piece.delta, least) < 0)
+    return bool(slope_enclosure(s, piece.delta, least) > 0 if end == 1 else over(least) < 0)
 
 
-def _touches(piece: Piece, least: arb) -> bool:
-    """Whether F < −2β somewhere, for all X from this one on."""
+def _touches(piece: PlanePiece, least: arb) -> bool:
+    """Return whether F < −2β somewhere, for all X from this one on."""
     s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
-    return bool(0 < s < 1 and centred(lambda delta: height(s, delta, least), piece.delta) < -2 * piece.beta)
+    return bool(0 < s < 1 and centred(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta)
 
 
 def _lowest(delta: float, x: float) -> float:

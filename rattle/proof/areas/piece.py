@@ -11,7 +11,7 @@ FINEST = arb(2.0**-12)  # part of a flight, in periods; what is not told of it c
 
 
 @dataclass(frozen=True)
-class Piece:
+class PlanePiece:
     """All δ and ε of two balls, at one β."""
 
     delta: arb
@@ -20,21 +20,21 @@ class Piece:
 
 
 def lower(x: arb) -> arb:
-    """No number of the ball is below this one."""
+    """Return no number of the ball is below this one."""
     return x.lower()
 
 
 def upper(x: arb) -> arb:
-    """No number of the ball is above this one."""
+    """Return no number of the ball is above this one."""
     return x.upper()
 
 
 def hull(a: arb, b: arb) -> arb:
-    """A ball that holds both and all between."""
+    """Return a ball that holds both and all between."""
     return a.union(b)
 
 
 def centred(of: Callable[[arb_series], arb_series], at: arb) -> arb:
-    """of(x) over a ball of x, by the mean value theorem: of(middle) + of'(x)(x − middle)."""
+    """Return of(x) over a ball of x, by the mean value theorem: of(middle) + of'(x)(x − middle)."""
     middle = at.mid()
     return of(arb_series([middle]))[0] + of(arb_series([at, 1]))[1] * (at - middle)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from rattle.proof.areas.piece import Piece, centred
+from rattle.proof.areas.piece import PlanePiece, centred
 from rattle.proof.balls import PI, arb_series
 
 
-def limit(delta: arb_series) -> arb_series:
-    """The ε from which g is not positive throughout."""
+def quiet_limit_enclosure(delta: arb_series) -> arb_series:
+    """Return the ε from which g is not positive throughout."""
     return 2 * delta / (delta * delta + 4 * PI() ** 2).sqrt()
 
 
-def possible(piece: Piece) -> bool | None:
-    """Whether Σ⁺ can be rested on, at all points of the piece; None if that is not told."""
-    share = centred(limit, piece.delta)
+def possible(piece: PlanePiece) -> bool | None:
+    """Return whether Σ⁺ can be rested on, at all points of the piece; None if that is not told."""
+    share = centred(quiet_limit_enclosure, piece.delta)
     return True if piece.epsilon < share else False if piece.epsilon > share else None

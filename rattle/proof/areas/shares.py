@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 
 REGION = "the region"
 #: What holds on which blocks, and on which it is proved not to; elsewhere it is not told.
@@ -32,11 +32,20 @@ class Share:
     of_where: float
 
     def __str__(self) -> str:
+        """Return a readable description."""
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 
-def shares(blocks: Iterable[Block], area: Fraction) -> list[Share]:
-    """Of a plane of this area. Blocks of one claim do not overlap, nor do those of I to V."""
+def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
+    """Return the shares of a plane of this area.
+
+    Blocks of one claim do not overlap, nor do those of I to V.
+
+    Returns
+    -------
+    list[Share]
+        A share for each claim.
+    """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:
         areas[block.claim] += block.area

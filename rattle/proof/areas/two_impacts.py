@@ -17,7 +17,7 @@ from itertools import groupby
 from typing import TypeVar
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import FINEST, Piece, hull, lower, upper
+from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower, upper
 from rattle.proof.balls import PI, arb, arb_series
 
 NARROWEST = 2.0**-20  # cell of s
@@ -30,7 +30,7 @@ Solution = tuple[arb, arb]
 
 
 def rows(s: arb_series, delta: arb_series, beta: arb) -> tuple[Row, Row]:
-    """The equations, each as the factors of X and of Y and what they add up to."""
+    """Return the equations, each as the factors of X and of Y and what they add up to."""
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
     down, up, k = 1 - 2 * a + end, 1 - 2 * b + end, 4 * PI() * (1 - a) / (delta * (1 - end))
@@ -39,58 +39,64 @@ def rows(s: arb_series, delta: arb_series, beta: arb) -> tuple[Row, Row]:
     return first, second
 
 
-def speeds(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """v after Σ⁺ and u after Σ⁻."""
+def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
+    """Return v after Σ⁺ and u after Σ⁻."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p, q = 4 * PI() * (2 - y - b * (2 - later)) / lost, 4 * PI() * (2 - later - a * (2 - y)) / lost
     return p - 4 * PI() + 2 * PI() * y, 4 * PI() - 2 * PI() * later - q
 
 
-def room(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[arb_series]:
-    """1 + E − T and 1 + E + T, both times uv/2, of the trace T = 1 + E − S(k₀ + k₁) + S₀S₁k₀k₁ of two impacts with k =
-    2g/v and −2g/u, where S = (1 − E)/δ, S₀ = (1 − a)/δ and S₁ = (1 − b)/δ.
+def room_series(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[arb_series]:
+    """Return 1 + E − T and 1 + E + T, both times uv/2, of the trace T of two impacts.
+
+    T = 1 + E − S(k₀ + k₁) + S₀S₁k₀k₁ with k = 2g/v and −2g/u, where S = (1 − E)/δ, S₀ = (1 − a)/δ and S₁ = (1 − b)/δ.
+
+    Returns
+    -------
+    list[arb_series]
+        Both series.
     """
     x, y, v, u = found
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
-    at_top = force(delta, x, y)
-    at_bottom = force(delta, x * cosine - y * sine, y * cosine + x * sine)
+    at_top = series_force(delta, x, y)
+    at_bottom = series_force(delta, x * cosine - y * sine, y * cosine + x * sine)
     mixed = (1 - end) * (at_top * u - at_bottom * v) / delta
     both = 2 * (1 - a) * (1 - b) * at_top * at_bottom / (delta * delta)
     return [mixed + both, (1 + end) * u * v - mixed - both]
 
 
-def force(delta: Number, cosine: Number, sine: Number) -> Number:
-    """g where ε cos 2πt and ε sin 2πt are these."""
+def series_force(delta: Number, cosine: Number, sine: Number) -> Number:
+    """Return g where ε cos 2πt and ε sin 2πt are these."""
     return 4 * PI() * delta - 4 * PI() ** 2 * cosine - 2 * PI() * delta * sine
 
 
-def solved(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
+def solve_series(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
     """X and Y, by Cramer's rule."""
     (a11, a12), (a21, a22) = factors
     determinant = a11 * a22 - a12 * a21
     return (sums[0] * a22 - a12 * sums[1]) / determinant, (a11 * sums[1] - a21 * sums[0]) / determinant
 
 
-class Cell:
-    """What holds of all solutions with s between two numbers, over all δ and at the β of a piece."""
+class SolutionCell:
+    """Cell of all solutions with s between two numbers, over all δ and at the β of a piece."""
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
         self.s = hull(start, end)
 
     @cached_property
-    def halves(self) -> tuple[Cell, Cell]:
+    def halves(self) -> tuple[SolutionCell, SolutionCell]:
         """Both halves."""
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(f"about s = {float(middle):.4f} it is not told which motions of two impacts there are")
         return self.between(self.start, middle), self.between(middle, self.end)
 
-    def between(self, start: arb, end: arb) -> Cell:
+    def between(self, start: arb, end: arb) -> SolutionCell:
         """Another cell, at the same δ."""
-        return Cell(start, end, self.delta, self.beta)
+        return SolutionCell(start, end, self.delta, self.beta)
 
     @cached_property
     def system(self) -> tuple[list[list[arb]], ...]:
@@ -119,26 +125,28 @@ class Cell:
         """X, Y, v and u, and their derivatives by s and by δ, over the cell; they in the middle."""
         middle, by_s, by_delta, found = self.system
         factors = [row[:2] for row in found]
-        x, y = solved(factors, [row[2] for row in found])
+        x, y = solve_series(factors, [row[2] for row in found])
         changes = []
         for derived in (by_s, by_delta):  # of A(X, Y) = b: A(X', Y') = b' − A'(X, Y)
-            changes.append(solved(factors, [b - a * x - c * y for a, c, b in derived]))
-        centre = solved([row[:2] for row in middle], [row[2] for row in middle])
+            changes.append(solve_series(factors, [b - a * x - c * y for a, c, b in derived]))
+        centre = solve_series([row[:2] for row in middle], [row[2] for row in middle])
         x, y = self._moved(centre, *changes)
         s, delta, (xs, ys), (xd, yd) = self.s, self.delta, *changes
         vs, us = (
-            z[1] for z in speeds(arb_series([s, 1]), arb_series([delta]), arb_series([x, xs]), arb_series([y, ys]))
+            z[1]
+            for z in speed_series(arb_series([s, 1]), arb_series([delta]), arb_series([x, xs]), arb_series([y, ys]))
         )
         vd, ud = (
-            z[1] for z in speeds(arb_series([s]), arb_series([delta, 1]), arb_series([x, xd]), arb_series([y, yd]))
+            z[1]
+            for z in speed_series(arb_series([s]), arb_series([delta, 1]), arb_series([x, xd]), arb_series([y, yd]))
         )
-        v, u = (z[0] for z in speeds(*(arb_series([z]) for z in (s.mid(), delta.mid(), *centre))))
+        v, u = (z[0] for z in speed_series(*(arb_series([z]) for z in (s.mid(), delta.mid(), *centre))))
         speed = self._moved((v, u), (vs, us), (vd, ud))
         return [x, y, *speed], [xs, ys, vs, us], [xd, yd, vd, ud], [*centre, v, u]
 
     @cached_property
     def solvable(self) -> bool:
-        """Whether the equations have one solution throughout, and it is enclosed."""
+        """True if the equations have one solution throughout, and it is enclosed."""
         (a11, a12, _), (a21, a22, _) = self.system[3]
         return not (a11 * a22 - a12 * a21).contains(0) and all(x.is_finite() for each in self.solution for x in each)
 
@@ -167,11 +175,19 @@ class Cell:
         return self._moved(*([part] for part in parts))[0]
 
     def share(self, sign: int) -> float:
-        """One with which the sum changes little with s, not below 0."""
+        """Return one with which the sum changes little with s, not below 0."""
         return max(0.0, -sign * float(self.rise.mid()) / float(self.solution[1][3].mid()))
 
     def empty(self, epsilon: arb) -> bool:
-        """Whether no motion with these ε is in the cell: v > 0, u > 0 and ε between both nowhere hold together."""
+        """Return whether no motion with these ε is in the cell.
+
+        v > 0, u > 0 and ε between both nowhere hold together.
+
+        Returns
+        -------
+        bool
+            True if it is empty.
+        """
         if self.least > epsilon:
             return True
         if not self.solvable:
@@ -183,7 +199,15 @@ class Cell:
         return bool(self.mixed(1, self.share(1)) < low or self.mixed(-1, self.share(-1)) < -high)
 
     def holds(self, letter: str, epsilon: arb) -> bool | None:
-        """Whether all solutions with these ε are of this letter and happen; else none is, or None: it is not told."""
+        """Return whether all solutions with these ε are of this letter and happen.
+
+        Else none is, or None: it is not told.
+
+        Returns
+        -------
+        bool | None
+            The answer; None if undecided.
+        """
         if self.empty(epsilon) or (self.solvable and -RISES[letter] * self.rise > 0):
             return False
         if not self.solvable or not (RISES[letter] * self.rise > 0 and self.solution[0][2] > 0):
@@ -195,11 +219,11 @@ class Cell:
 
     @cached_property
     def flies(self) -> bool:
-        """Whether Φ falls all the way to Σ⁻ and rises all the way back: e^(δt) Φ' is monotone where g has a sign."""
+        """True if Φ falls all the way to Σ⁻ and rises all the way back: e^(δt) Φ' is monotone where g has a sign."""
         return self._keeps(-1, arb(0), lower(self.s)) and self._keeps(1, upper(self.s), arb(1))
 
     def _keeps(self, sign: int, start: arb, end: arb) -> bool:
-        """Whether Φ' has this sign from Σ⁺ (start 0) to s, or from s to Σ⁺ (end 1); the ends have it."""
+        """Return whether Φ' has this sign from Σ⁺ (start 0) to s, or from s to Σ⁺ (end 1); the ends have it."""
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
@@ -222,10 +246,10 @@ class Cell:
         return bool(sign * at(t, sign) > 0)
 
     def force(self, t: arb) -> arb:
-        """g at the time t after Σ⁺."""
+        """Return g at the time t after Σ⁺."""
         x, y, *_ = self.solution[0]
         sine, cosine = (2 * t).sin_cos_pi()
-        return force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
+        return series_force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
         """Φ' at the time t after Σ⁺, on the flight down (−1) or up (1), from where it begins."""
@@ -239,19 +263,19 @@ class Cell:
 
     @cached_property
     def room(self) -> list[arb]:
-        """What the trace T has: 1 + E − T, 1 + E + T, both times uv/2."""
+        """Margins of the trace T: 1 + E − T, 1 + E + T, both times uv/2."""
         here, by_s, by_delta, middle = self.solution
         s, delta = self.s, self.delta
         along_s = [arb_series([x, dx]) for x, dx in zip(here, by_s, strict=True)]
         along_delta = [arb_series([x, dx]) for x, dx in zip(here, by_delta, strict=True)]
-        fixed = room(arb_series([s.mid()]), arb_series([delta.mid()]), [arb_series([x]) for x in middle])
-        moved_s = room(arb_series([s, 1]), arb_series([delta]), along_s)
-        moved_delta = room(arb_series([s]), arb_series([delta, 1]), along_delta)
+        fixed = room_series(arb_series([s.mid()]), arb_series([delta.mid()]), [arb_series([x]) for x in middle])
+        moved_s = room_series(arb_series([s, 1]), arb_series([delta]), along_s)
+        moved_delta = room_series(arb_series([s]), arb_series([delta, 1]), along_delta)
         return self._moved([x[0] for x in fixed], [x[1] for x in moved_s], [x[1] for x in moved_delta])
 
     @property
     def attracts(self) -> bool | None:
-        """Whether both multipliers are inside the unit circle (else one is outside); None if that is not told."""
+        """True if both multipliers are inside the unit circle (else one is outside); None if undecided."""
         above, below = self.room
         if above < 0 or below < 0:
             return False
@@ -259,19 +283,32 @@ class Cell:
 
 
 def squares(epsilon: arb) -> tuple[arb, arb]:
-    """The least and the largest ε²; a ball about numbers from 0 on may begin below."""
+    """Return the least and the largest ε²; a ball about numbers from 0 on may begin below."""
     least = lower(epsilon)
     return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
 
 
-def cells(piece: Piece) -> tuple[Cell, Cell]:
-    """All s, at the δ of a piece."""
-    return Cell(arb(0), arb(1), piece.delta, piece.beta).halves
+def cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
+    """Return all s, at the δ of a piece."""
+    return SolutionCell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
-def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Cell]]:
-    """All B (D) that there are at each point of the piece, each by the cells that it is in. Raises NotProvedError."""
-    told: list[tuple[bool, Cell]] = []
+def motions(piece: PlanePiece, all_s: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
+    """Return all B (D) that there are at each point of the piece, each by the cells that it is in.
+
+    Raises NotProvedError.
+
+    Returns
+    -------
+    list[list[Cell]]
+        Cells of each motion.
+
+    Raises
+    ------
+    NotProvedError
+        If their number is not certain.
+    """
+    told: list[tuple[bool, SolutionCell]] = []
     waiting = list(reversed(all_s))
     while waiting:
         cell = waiting.pop()
@@ -286,9 +323,20 @@ def motions(piece: Piece, all_s: tuple[Cell, Cell], letter: str) -> list[list[Ce
     return [run for run in runs if _crosses(piece, run, RISES[letter])]
 
 
-def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
-    """Whether both multipliers are inside the unit circle wherever in these cells a motion is (else one is outside
-    everywhere). Raises NotProvedError.
+def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
+    """Return whether both multipliers are inside the unit circle wherever in these cells a motion is.
+
+    Else one is outside everywhere. Raises NotProvedError.
+
+    Returns
+    -------
+    bool
+        The answer.
+
+    Raises
+    ------
+    NotProvedError
+        If it is undecided.
     """
     verdicts, waiting = set(), list(run)
     while waiting:
@@ -304,15 +352,27 @@ def attracts(piece: Piece, run: Iterable[Cell]) -> bool:
     return True in verdicts
 
 
-def _crosses(piece: Piece, run: list[Cell], rises: int) -> bool:
-    """Whether ε(s), which is monotone over these cells, takes each ε of the piece once there; else it takes none.
+def _crosses(piece: PlanePiece, run: list[SolutionCell], rises: int) -> bool:
+    """Return whether ε(s), which is monotone over these cells, takes each ε of the piece once there.
+
+    Else it takes none.
 
     At their ends it takes none at any δ of the piece, because the cells beyond are empty: so one δ tells on which side
     it is.
+
+    Returns
+    -------
+    bool
+        True if it crosses.
+
+    Raises
+    ------
+    NotProvedError
+        If it is undecided.
     """
     (low, high), sides = squares(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
-        square = Cell(s, s, piece.delta.mid(), piece.beta).square
+        square = SolutionCell(s, s, piece.delta.mid(), piece.beta).square
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError("it is not told where a family of motions of two impacts ends")

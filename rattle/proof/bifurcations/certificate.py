@@ -1,4 +1,4 @@
-"""What is proved of one point of a bifurcation curve: exact numbers, so that anybody can check it."""
+"""Theorem about one point of a bifurcation curve: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rattle.continuation.conditions import Kind
-from rattle.proof.bifurcations.systems import Motion
+from rattle.proof.bifurcations.systems import CurveMotion
 from rattle.proof.certificate import FORMAT, Ends, text, texts
 
 THEOREM = "bifurcation"
@@ -25,7 +25,7 @@ class BifurcationCertificate:
     """
 
     name: str
-    motion: Motion
+    motion: CurveMotion
     known: dict[str, Fraction]
     solved: dict[str, Ends]
     times: tuple[Fraction, ...]
@@ -33,17 +33,18 @@ class BifurcationCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
+        """Return a readable description."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.known.items())
         found = ", ".join(f"{name} = {float(sum(ends) / 2):.16g}" for name, ends in self.solved.items())
         return f"{self.name} at {where}: a {WORDS[self.motion.kind]} at {found}"
 
     @property
     def width(self) -> Fraction:
-        """Of the widest enclosure of a parameter."""
+        """Width of the widest enclosure of a parameter."""
         return max(high - low for low, high in self.solved.values())
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number but the integers is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,
@@ -61,5 +62,5 @@ class BifurcationCertificate:
         }
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -21,12 +21,12 @@ from rattle.proof.check import (
     UNIT,
     ZERO,
     Interval,
-    Piece,
+    MotionPiece,
     Refused,
-    exact,
-    positive,
+    exact_fraction,
+    is_positive,
     require,
-    turned,
+    sine_and_cosine,
 )
 
 RADIUS, FASTER = IV.mpf(10) ** -16, 1000  # of the box in times and parameters; of velocities, so many times that
@@ -39,54 +39,63 @@ NAMES = {
 }  # fmt: skip
 
 
-class Jet:
+class ParameterJet:
     """An interval, and its derivatives by all unknowns."""
 
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
-    def chained(self, value: Interval, slope: Interval) -> "Jet":
-        return Jet(value, [slope * each for each in self.slopes])
+    def chained(self, value: Interval, slope: Interval) -> "ParameterJet":
+        """Return a function of this jet, by the chain rule."""
+        return ParameterJet(value, [slope * each for each in self.slopes])
 
-    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "Jet":
+    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
+        """Return a combination of two jets, by the partial derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
-        return Jet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
+        return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
-    def __add__(self, other: Any) -> "Jet":
+    def __add__(self, other: Any) -> "ParameterJet":
+        """Return the sum."""
         other = jet(other)
         return self.combined(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
-    def __mul__(self, other: Any) -> "Jet":
+    def __mul__(self, other: Any) -> "ParameterJet":
+        """Return the product."""
         other = jet(other)
         return self.combined(other, self.value * other.value, other.value, self.value)
 
-    def __neg__(self) -> "Jet":
+    def __neg__(self) -> "ParameterJet":
+        """Return the negative."""
         return self.chained(-self.value, ZERO - 1)
 
-    def __sub__(self, other: Any) -> "Jet":
+    def __sub__(self, other: Any) -> "ParameterJet":
+        """Return the difference."""
         return self + -jet(other)
 
-    def __truediv__(self, other: "Jet") -> "Jet":
+    def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
+        """Return the quotient."""
         return self * other.chained(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def exp(self) -> "Jet":
+    def exp(self) -> "ParameterJet":
+        """Return the exponential."""
         value = IV.exp(self.value) * (1 + SLACK)
         return self.chained(value, value)
 
-    def turned(self) -> "tuple[Jet, Jet]":
+    def turned(self) -> "tuple[ParameterJet, ParameterJet]":
         """Sine and cosine of 2π times it."""
-        sine, cosine = turned(self.value)
+        sine, cosine = sine_and_cosine(self.value)
         return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
 
 
-def jet(x: Any) -> Jet:
-    return x if isinstance(x, Jet) else Jet(ZERO + x)
+def jet(x: Any) -> ParameterJet:
+    """Return a jet; a number is a constant."""
+    return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
 
 class Bifurcation:
-    """What a certificate says."""
+    """Statement of a certificate."""
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "it is of another model")
@@ -103,14 +112,14 @@ class Bifurcation:
         known, solved = document["known"], document["solved"]
         require({*known, *solved} == {"beta", *FREE} and "beta" in known, "its parameters")
         require(len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1), "how many it solves for")
-        self.known = {name: exact(value) for name, value in known.items()}
+        self.known = {name: exact_fraction(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
-        self.ends = [[exact(end) for end in solved[name]] for name in self.free]
-        self.times, self.radius = [exact(t) for t in document["times"]], exact(document["radius"])
-        require(len(self.times) == self.n and positive(*self.known.values()), "its times, or a parameter, are wrong")
+        self.ends = [[exact_fraction(end) for end in solved[name]] for name in self.free]
+        self.times, self.radius = [exact_fraction(t) for t in document["times"]], exact_fraction(document["radius"])
+        require(len(self.times) == self.n and is_positive(*self.known.values()), "its times, or a parameter, are wrong")
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """δ and ε at unknowns x."""
+        """Return δ and ε at unknowns x."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
@@ -121,9 +130,9 @@ class Bifurcation:
         found = []
         for i, t in enumerate(self.times):
             j = (i + 1) % self.n
-            u, (sine, cosine) = self.times[j] + (0 if j else self.m) - t, turned(t)
+            u, (sine, cosine) = self.times[j] + (0 if j else self.m) - t, sine_and_cosine(t)
             lacks = (self.walls[j] - self.walls[i]) * self.known["beta"] - 2 * TWO_PI * u
-            lacks -= epsilon * (turned(self.times[j])[1] - cosine)
+            lacks -= epsilon * (sine_and_cosine(self.times[j])[1] - cosine)
             w = 2 * TWO_PI - TWO_PI * epsilon * sine + lacks * delta / (1 - IV.exp(-delta * u))
             found += [t, w if i != self.impact else ZERO]
         return [IV.mpf(x.mid) for x in found + free]
@@ -131,7 +140,7 @@ class Bifurcation:
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[list[Interval]]]:
         """Their values, all 0 at the point, and their derivatives."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
-        at = [Jet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
+        at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
         delta, epsilon = (jet(each) for each in self.parameters(at))
         values, pieces, turn = [], [], jet(TWO_PI)
         for i in range(self.n):
@@ -151,8 +160,8 @@ class Bifurcation:
             values.append(self.condition(pieces, delta))
         return [each.value for each in values], [each.slopes for each in values]
 
-    def condition(self, pieces: Sequence[Any], delta: Jet) -> Jet:
-        """What vanishes besides: of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
+    def condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
+        """Return the vanishing condition of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
         a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
         first = self.impact or 0
         for i in range(self.n):
@@ -184,7 +193,7 @@ class Bifurcation:
             for i, line in enumerate(about):
                 less = [sum((line[k] * rows[k][j] for k in range(size)), ZERO - (i == j)) for j in range(size)]
                 moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
-            inside = (positive(radius - dx, radius + dx) for radius, dx in zip(radii, moved, strict=True))
+            inside = (is_positive(radius - dx, radius + dx) for radius, dx in zip(radii, moved, strict=True))
             require(all(inside), "its box is not mapped into itself")
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
@@ -196,9 +205,9 @@ class Bifurcation:
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
         )
         for i in range(self.n):
-            piece, j = Piece(motion, i, x), (i + 1) % self.n
-            require(positive(piece.duration), f"piece {i + 1} takes no time")
-            require(i == self.impact or positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
+            piece, j = MotionPiece(motion, i, x), (i + 1) % self.n
+            require(is_positive(piece.duration), f"piece {i + 1} takes no time")
+            require(i == self.impact or is_positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
             grazes = i == self.impact, j == self.impact
             require(stays(piece, *grazes), f"piece {i + 1} may meet a wall on its way")
 
@@ -211,13 +220,18 @@ class Bifurcation:
             shift = len(walls) // parts
             if self.m % parts == len(walls) % parts == 0 and [*walls[shift:], *walls[:shift]] == walls:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift:], strict=False)]
-                require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+                require(any(is_positive(gap) or is_positive(-gap) for gap in gaps), f"it may repeat {parts} times")
 
 
-def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
-    """Whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
+def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
+    """Return whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
 
     There Φ' = 0, and Φ'' has the sign of the way out: so Φ' has one sign around, and Φ is clear beside the graze.
+
+    Returns
+    -------
+    bool
+        True if it is clear.
     """
     if not (begins_grazing or ends_grazing):
         return piece.stays()
@@ -226,7 +240,7 @@ def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
     for _ in range(MOST_PARTS):
         part = part / 2
         u = IV.mpf([0, part.b]) if begins_grazing else IV.mpf([(piece.duration - part).a, piece.duration.b])
-        if positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
+        if is_positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
             break
     else:
         return False
@@ -236,18 +250,19 @@ def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
     return clear(piece, beside) and lasts(piece, *ends)
 
 
-def clear(piece: Piece, y: Interval) -> bool:
-    return positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
+def clear(piece: MotionPiece, y: Interval) -> bool:
+    """Return whether y is clear of both walls."""
+    return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
-def lasts(piece: Piece, low: Interval, high: Interval) -> bool:
-    """Whether a piece is clear between two times, at which it is, or is on its wall."""
+def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
+    """Return whether a piece is clear between two times, at which it is, or is on its wall."""
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):
         low, high = parts.pop()
         part, middle = IV.mpf([low, high]), (low + high).mid / 2
         slope = piece.after(part)[1]
-        if not (positive(slope) or positive(-slope)):
+        if not (is_positive(slope) or is_positive(-slope)):
             y = piece.after(middle)[0]
             if not clear(piece, y):
                 return False
@@ -266,14 +281,14 @@ def check(text: str) -> str:
         claim = Bifurcation(document)
         x = claim.enclosed()
         for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
-            require(positive(value - low, high - value), "a parameter is not proved to be between its ends")
+            require(is_positive(value - low, high - value), "a parameter is not proved to be between its ends")
         for value, time in zip(x[: 2 * claim.n : 2], claim.times, strict=True):
-            require(positive(claim.radius - (value - time), claim.radius + (value - time)), "a time is farther away")
-        require(positive(*claim.parameters(x)), "a parameter is not positive")
+            require(is_positive(claim.radius - (value - time), claim.radius + (value - time)), "a time is farther away")
+        require(is_positive(*claim.parameters(x)), "a parameter is not positive")
         claim.require_happens(x)
         claim.require_least_period(x)
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
-        require(side == 0 or positive(side * turned(x[0])[1]), "it is a graze of the other motion")
+        require(side == 0 or is_positive(side * sine_and_cosine(x[0])[1]), "it is a graze of the other motion")
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
         return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
@@ -281,4 +296,5 @@ def check(text: str) -> str:
 
 
 def max_width(claim: Bifurcation) -> float:
+    """Return the largest width of the claim's enclosures."""
     return max(float((high - low).b) for low, high in claim.ends)

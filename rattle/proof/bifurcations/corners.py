@@ -1,4 +1,4 @@
-"""What happens besides at the points where C grazes Σ⁻ and curves meet, COD20 to COD23.
+"""Conditions at the points where C grazes Σ⁻ and curves meet, COD20 to COD23.
 
 With X = ε cos 2πτ, s the time from the departure to the graze and E = e^(−δ), the trace of C is
 1 + E − 4π (1 − E) X/δ². At COD23 it is det J(1) + det J(−1) = 0 of the motion that makes the impact

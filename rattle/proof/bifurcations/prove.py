@@ -20,8 +20,8 @@ from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
-from rattle.proof.bifurcations.systems import FREE, Motion, System, require_happens
-from rattle.proof.certificate import Ends, Exact, exact
+from rattle.proof.bifurcations.systems import FREE, CurveMotion, System, require_happens
+from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import LONG, require_least_period
 from rattle.proof.krawczyk import enclosed
 
@@ -35,14 +35,32 @@ def certify_curve_point(
 ) -> BifurcationCertificate:
     """Prove a point of a bifurcation curve of the period-one motions (`rattle.curves`), near (δ, ε).
 
-    Of δ and ε the one along which the curve runs is taken as that very number, the other is enclosed. motion: phase and
-    speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds. Needs the extra `proof`. Raises
-    ParameterError, and NotProvedError where no proof was found or no point of the curve is that close. Source:
-    docs/proofs.md.
+    Of δ and ε the one along which the curve runs is taken as that very number, the other is enclosed. Needs the extra
+    `proof`. Raises ParameterError, and NotProvedError where no proof was found or no point of the curve is that close.
+    Source: docs/proofs.md.
+
+    Parameters
+    ----------
+    motion : tuple[float, float] | None
+        Phase and speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds.
+
+    Returns
+    -------
+    BifurcationCertificate
+        The certificate.
+
+    Raises
+    ------
+    NotProvedError
+        If the proof fails.
     """
     require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
     require_one_of("name", name, CURVES)
-    numbers = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}
+    numbers = {
+        "delta": exact_number("delta", delta),
+        "epsilon": exact_number("epsilon", epsilon),
+        "beta": exact_number("beta", beta),
+    }
     require(min(numbers.values()) > 0, "delta, epsilon and beta must be positive")
     d, e, half = (float(number) for number in numbers.values())
     definition = CURVES[name]
@@ -61,7 +79,7 @@ def certify_curve_point(
         raise NotProvedError(f"that point is not on {name}: {why}")
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
-    bifurcating = Motion(definition.walls, 1, definition.kind, definition.impact)
+    bifurcating = CurveMotion(definition.walls, 1, definition.kind, definition.impact)
     return _certified(name, bifurcating, x, numbers["beta"], {along: numbers[along]})
 
 
@@ -82,26 +100,47 @@ def _apart(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
 
 
 def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertificate:
-    """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`), at the
-    damping that the event has. Raises ParameterError, and NotProvedError.
+    """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`).
+
+    At the damping that the event has. Raises ParameterError, and NotProvedError.
+
+    Returns
+    -------
+    BifurcationCertificate
+        The certificate.
+
+    Raises
+    ------
+    NotProvedError
+        If the proof fails.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     itinerary = event.itinerary
-    number = exact("beta", itinerary.beta if beta is None else beta)
+    number = exact_number("beta", itinerary.beta if beta is None else beta)
     require(float(number) == itinerary.beta, f"beta of the event is {itinerary.beta!r}, not {beta}")
     x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
         raise NotProvedError("the event's curve cannot be solved at its damping")
-    motion = Motion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
-    return _certified(str(event.kind), motion, x, number, {"delta": exact("delta", event.delta)})
+    motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
+    return _certified(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
 
 def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate, ...]:
-    """COD20, COD21, COD23 and COD22 at a half-backlash, those that it has, each proved.
+    """Prove COD20, COD21, COD23 and COD22 at a half-backlash, those that it has.
 
     Raises ParameterError, and NotProvedError.
+
+    Returns
+    -------
+    tuple[BifurcationCertificate, ...]
+        A certificate for each.
+
+    Raises
+    ------
+    NotProvedError
+        If a proof fails.
     """
-    number = exact("beta", beta)
+    number = exact_number("beta", beta)
     half = require_number("beta", float(number), positive=True)
     graze = CURVES["G1"]
     problem = condition(graze.itinerary(half), graze.kind, graze.impact)
@@ -111,15 +150,15 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
             raise NotProvedError(f"no grazing motion was found at {point.name}")
-        motion = Motion(graze.walls, 1, graze.kind, graze.impact, point.name)
+        motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_certified(point.name, motion, near[0], number, {}))
     return tuple(found)
 
 
 def _certified(
-    name: str, motion: Motion, x: Array, beta: Fraction, known: dict[str, Fraction]
+    name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """The theorem about the solution near x (n + 2,)."""
+    """Return the theorem about the solution near x (n + 2,)."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
@@ -140,7 +179,7 @@ def _certified(
         )
 
 
-def _null_vector(motion: Motion, x: Array, beta: float) -> Array:
+def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
     """φ (n,) of length 1, of a saddle-node or a flip."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)

@@ -20,8 +20,8 @@ from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.corners import CONDITIONS
-from rattle.proof.flights import UP, Flight, Plane, extrema, require_first
-from rattle.proof.impacting import Impacting
+from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first
+from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
 FREE = ("delta", "epsilon")
@@ -39,9 +39,11 @@ class Between(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What does not change along a curve: the walls (n,) of a motion in m forcing periods, what happens to it, the
-    number of the impact that grazes, and the name of a point of codimension two.
+class CurveMotion:
+    """Quantities that do not change along a curve.
+
+    The walls (n,) of a motion in m forcing periods, what happens to it, the number of the impact that grazes, and the
+    name of a point of codimension two.
     """
 
     walls: tuple[int, ...]
@@ -60,28 +62,28 @@ class Motion:
 class System:
     """The equations of a motion at a half-backlash; known: δ or ε where it is given; side: l (n,)."""
 
-    motion: Motion
+    motion: CurveMotion
     beta: arb
     known: dict[str, arb]
     side: Sequence[float] = ()
 
-    def __call__(self, at: Sequence[arb]) -> Evaluated:
-        """The equations at unknowns (N,): times, what is not known of δ and ε, φ."""
-        return Evaluated(self, at)
+    def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
+        """Evaluate the equations at unknowns (N,): times, the unknown ones of δ and ε, φ."""
+        return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """δ and ε, balls or series as the unknowns are; what is known is a ball."""
+        """Return δ and ε, balls or series as the unknowns are; what is known is a ball."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
-    def plane(self, at: Sequence[arb]) -> Plane:
-        """The point of the plane."""
-        return Plane(*self.parameters(at), self.beta)
+    def plane(self, at: Sequence[arb]) -> ModelPlane:
+        """Return the point of the plane."""
+        return ModelPlane(*self.parameters(at), self.beta)
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class EvaluatedSystem:
     """A system somewhere."""
 
     system: System
@@ -106,7 +108,7 @@ class Evaluated:
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
         flights = [
-            between(
+            flight_series(
                 delta + zero, epsilon + zero, times[i], times[i + 1] if i + 1 < n else times[0] + motion.m,
                 self.system.beta * (motion.walls[(i + 1) % n] - motion.walls[i]),
             )
@@ -133,13 +135,13 @@ def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -
 
 
 def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """What vanishes at a point of codimension two, where C grazes."""
+    """Return the vanishing condition at a point of codimension two, where C grazes."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
-def between(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
-    """The flight between two times (`rattle.proof.flights.flight`), in series."""
+def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
+    """Return the flight between two times (`rattle.proof.flights.flight`), in series."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
@@ -158,16 +160,17 @@ def between(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: ar
 
 
 def require_happens(system: System, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze:
-    there it touches the wall from inside.
+    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze.
+
+    There it touches the wall from inside.
     """
     motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
     grazed = motion.impact
     if grazed is None:
-        Impacting(plane, motion.walls, motion.m)(times).require_admissible()
+        ImpactingSystem(plane, motion.walls, motion.m)(times).require_admissible()
         return
     walls = (*motion.walls[:grazed], *motion.walls[grazed + 1 :])
-    missed = Impacting(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
+    missed = ImpactingSystem(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
     for i, each in enumerate(missed.flights):
         target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1} that is made"
         if i == (grazed - 1) % len(walls):
@@ -177,10 +180,15 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
             require_first(each, walls[i], target, name)
 
 
-def require_touches(each: Flight, wall: int, target: int, touched: int, time: arb, name: str) -> None:
+def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
     """Raise NotProvedError unless a flight that has speed 0 on the wall `touched` at `time` meets none before its end.
 
     It turns at that time if g pushes it off: so that is one of its extrema, and all others must be clear of the walls.
+
+    Raises
+    ------
+    NotProvedError
+        If it may meet a wall.
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):

@@ -1,4 +1,4 @@
-"""What is proved of chaos at one point of the plane: exact numbers, so that anybody can check it."""
+"""Theorem about chaos at one point of the plane: exact numbers, so that anybody can check it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class Loop:
-    """A chain of coverings from set 0 through these sets (L − 1,) back to it: of each of its L steps how often Σ⁻ is
-    met, and how many forcing periods later the next set is meant.
+    """A chain of coverings from set 0 through these sets (L − 1,) back to it.
+
+    Of each of its L steps how often Σ⁻ is met, and how many forcing periods later the next set is meant.
     """
 
     sets: tuple[int, ...]
@@ -35,10 +36,11 @@ class Loop:
 
 @dataclass(frozen=True)
 class HorseshoeCertificate:
-    """A theorem about the impact map Π at exact parameters: each loop is a chain of coverings, and the sets that follow
-    set 0 in them are apart. So for every sequence of loops there is a motion that goes
-    through them in this order, and the topological entropy is at least `per_impact` for each impact on Σ⁺, and at least
-    `per_period` for each forcing period, in nats.
+    """A theorem about the impact map Π at exact parameters.
+
+    Each loop is a chain of coverings, and the sets that follow set 0 in them are apart. So for every sequence of loops
+    there is a motion that goes through them in this order, and the topological entropy is at least `per_impact` for
+    each impact on Σ⁺, and at least `per_period` for each forcing period, in nats.
     """
 
     parameters: dict[str, Fraction]
@@ -49,6 +51,7 @@ class HorseshoeCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
+        """Return a readable description."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         lengths = ", ".join(str(loop.length) for loop in self.loops)
         return (
@@ -57,7 +60,7 @@ class HorseshoeCertificate:
         )
 
     def document(self) -> dict[str, object]:
-        """As a JSON document: every number but the integers is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,
@@ -74,5 +77,5 @@ class HorseshoeCertificate:
         }
 
     def json(self) -> str:
-        """The document, on one line."""
+        """Return the document, on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -10,7 +10,19 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
-from rattle.proof.check import IV, SLACK, TWO_PI, UNIT, ZERO, Interval, Refused, exact, positive, require, turned
+from rattle.proof.check import (
+    IV,
+    SLACK,
+    TWO_PI,
+    UNIT,
+    ZERO,
+    Interval,
+    Refused,
+    exact_fraction,
+    is_positive,
+    require,
+    sine_and_cosine,
+)
 
 MOST_PARTS, MOST_TIMES, MOST_SETS, MOST_LOOPS, MOST_LENGTH = 4000, 300, 2000, 200, 100
 Vector = tuple[Interval, Interval]
@@ -27,16 +39,30 @@ class Bundle:
 
     def flown(self, start: Vector, t: Interval) -> Vector:
         """Φ(t) less the wall, and Φ'(t)."""
-        (sine, cosine), (sine1, cosine1), d, e = turned(start[0]), turned(t), self.plane.delta, self.plane.epsilon
+        (sine, cosine), (sine1, cosine1), d, e = (
+            sine_and_cosine(start[0]),
+            sine_and_cosine(t),
+            self.plane.delta,
+            self.plane.epsilon,
+        )
         kept, pushed = self.kept(start, t), start[1] - 2 * TWO_PI + TWO_PI * e * sine
         y = 2 * TWO_PI * (t - start[0]) + e * (cosine1 - cosine) + (1 - kept) / d * pushed
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
 
     def kept(self, start: Vector, t: Interval) -> Interval:
+        """Return the enclosed decay e^(−δ(t − t₀))."""
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Of Φ(t) and Φ'(t) on all flights, by both sides: those of the flow are −(w + S w'), S and −C w', C."""
+        """Return the derivatives of Φ(t) and Φ'(t) on all flights, by both sides.
+
+        Those of the flow are −(w + S w'), S and −C w', C.
+
+        Returns
+        -------
+        tuple[Vector, Vector]
+            Derivatives of Φ and of Φ'.
+        """
         c = self.kept((self.hull[0], self.hull[1]), t)
         s = (1 - c) / self.plane.delta
         y, v = (-self.hull[1] - s * self.push, s), (-c * self.push, c)
@@ -65,7 +91,9 @@ class Bundle:
         late = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
         arrival = time + late
         speed = self.at(arrival)[1]
-        require(positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze")
+        require(
+            is_positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze"
+        )
         require(self.is_clear(arrival), "a flight may meet another wall")
         heights, speeds = self.derivatives(arrival)
         pull = self.plane.force(arrival) - self.plane.delta * speed
@@ -73,13 +101,26 @@ class Bundle:
         return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
 
     def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
-        """How late flights are that lack so much of the wall at a time: one root each, by Newton's interval method."""
+        """Return how late flights are that lack so much of the wall at a time.
+
+        One root each, by Newton's interval method.
+
+        Returns
+        -------
+        Interval
+            Enclosure of the delay.
+
+        Raises
+        ------
+        Refused
+            If the root is not single.
+        """
         for _ in range(8):
             around = time + room * UNIT
             speed = self.flown(self.middle, around)[1] if middle else self.at(around)[1]
-            require(positive(speed) or positive(-speed), "a flight may graze")
+            require(is_positive(speed) or is_positive(-speed), "a flight may graze")
             late = -missed / speed
-            if positive(room - late, room + late):
+            if is_positive(room - late, room + late):
                 return late
             room = IV.mpf(1.3) * max(room, IV.mpf(abs(late).b))
         raise Refused("the time of an impact is not enclosed")
@@ -106,16 +147,16 @@ class Bundle:
         raise Refused("a flight does not end")
 
     def is_clear(self, arrival: Interval) -> bool:
-        """Whether all flights are clear of the walls on their way: at all times Φ' has one sign, or Φ is clear."""
+        """Return whether all flights clear the walls on their way: at all times Φ' has one sign, or Φ is clear."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
             low, high = parts.pop()
             part, middle = IV.mpf([low.a, high.b]), IV.mpf(((low + high) / 2).mid)
             slope = self.at(part)[1]
-            if not (positive(slope) or positive(-slope)):
+            if not (is_positive(slope) or is_positive(-slope)):
                 y = self.at(middle)[0] + slope * (part - middle)
-                if not positive(above - y, below + y):
+                if not is_positive(above - y, below + y):
                     parts += [(low, middle), (middle, high)]
             if not parts:
                 return True
@@ -123,15 +164,17 @@ class Bundle:
 
 
 class Claim:
-    """What a certificate says."""
+    """Statement of a certificate."""
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "it is of another model")
         require({*document["parameters"]} == {"delta", "epsilon", "beta"}, "its parameters")
-        self.delta, self.epsilon, self.beta = (exact(document["parameters"][n]) for n in ("delta", "epsilon", "beta"))
-        require(positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
+        self.delta, self.epsilon, self.beta = (
+            exact_fraction(document["parameters"][n]) for n in ("delta", "epsilon", "beta")
+        )
+        require(is_positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
         require(0 < len(document["sets"]) <= MOST_SETS, "the number of its sets")
-        self.sets = [[exact(number) for number in each] for each in document["sets"]]
+        self.sets = [[exact_fraction(number) for number in each] for each in document["sets"]]
         self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
         require(all(len(each) == 6 for each in self.sets), "a set that is not six numbers")
         self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
@@ -142,12 +185,20 @@ class Claim:
             require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop")
 
     def force(self, t: Interval) -> Interval:
-        """g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
-        sine, cosine = turned(t)
+        """Return g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        sine, cosine = sine_and_cosine(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def image(self, source: int, part: Part, word: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Where Π takes the middle of a part of a set, and sides of a parallelogram about it that holds the rest."""
+        """Return the image under Π of the middle of a part of a set, and sides of a parallelogram about it.
+
+        The parallelogram holds the image of the rest.
+
+        Returns
+        -------
+        tuple[Vector, tuple[Vector, Vector]]
+            The middle's image, and two sides.
+        """
         (t, v, *along), (xi, eta, width, height) = self.sets[source], part
         middle = t + xi * along[0] + eta * along[2], -(v + xi * along[1] + eta * along[3])
         sides = (width * along[0], -width * along[1]), (height * along[2], -height * along[3])
@@ -160,17 +211,20 @@ class Claim:
         )  # fmt: skip
 
     def seen(self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]) -> tuple[Vector, list[Any]]:
-        """ξ and η of an image in another set's coordinates, and what either side of it adds."""
+        """Return ξ and η of an image in another set's coordinates, and what either side of it adds."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
-        require(positive(size) or positive(-size), "a set has no area")
+        require(is_positive(size) or is_positive(-size), "a set has no area")
         away = middle[0] - t - periods, middle[1] - v
         start, *added = (((d * x - b * y) / size, (a * y - c * x) / size) for x, y in (away, *sides))
         xi, eta = (start[i] + UNIT * (abs(added[0][i]) + abs(added[1][i])) for i in range(2))
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
-        """The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|."""
+        """Require that a set covers another.
+
+        The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|.
+        """
         went = [self.settled(source, target, word, periods, edge, inside=False) for edge in EDGES]
         require(went in ([{-1}, {1}], [{1}, {-1}]), f"the edges of set {source} do not go to both sides of {target}")
         self.settled(source, target, word, periods, WHOLE, inside=True)
@@ -182,9 +236,9 @@ class Claim:
             here, added = parts.pop(), [1.0, 1.0]
             try:
                 (xi, eta), added = self.seen(target, periods, self.image(source, here, word))
-                if positive(xi - 1) or positive(-1 - xi):
-                    sides.add(1 if positive(xi) else -1)
-                elif inside and positive(1 - eta, 1 + eta):
+                if is_positive(xi - 1) or is_positive(-1 - xi):
+                    sides.add(1 if is_positive(xi) else -1)
+                elif inside and is_positive(1 - eta, 1 + eta):
                     sides.add(0)
                 else:
                     parts += halves(here, added)
@@ -195,7 +249,7 @@ class Claim:
         raise Refused(f"set {source} is not proved to cover set {target}")
 
     def require_apart(self, one: int, other: int) -> None:
-        """The sets are disjoint, whole periods apart too: a line along a side separates them."""
+        """Require that two sets are disjoint, whole periods apart too: a line along a side separates them."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -204,6 +258,7 @@ class Claim:
             require(ok, f"sets {one} and {other} may meet")
 
     def corners(self, number: int, periods: int) -> list[tuple[Fraction, Fraction]]:
+        """Return the corners of a set, so many periods later."""
         t, v, *along = self.numbers[number]
         require(abs(t) + abs(along[0]) + abs(along[2]) < 1.5, f"set {number} is not near the first period")
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
@@ -211,6 +266,7 @@ class Claim:
 
 
 def halves(part: Part, added: list[float]) -> list[Part]:
+    """Return both halves of a part, cut across its more stretched side."""
     xi, eta, width, height = part
     require(max(width, height) > 2.0**-14, "a set is not stretched across the next")
     if width and (not height or (added[0], width) >= (added[1], height)):
@@ -229,10 +285,10 @@ def check(text: str) -> str:
             for other in heads[:i]:
                 claim.require_apart(one, other)
         for name, number in (("impact", 1), ("period", 2)):
-            h = exact(document[f"entropy_per_{name}"])
+            h = exact_fraction(document[f"entropy_per_{name}"])
             lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
             total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
-            require(positive(h, total - 1), f"the entropy for each {name}")
+            require(is_positive(h, total - 1), f"the entropy for each {name}")
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):

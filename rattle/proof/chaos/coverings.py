@@ -16,14 +16,14 @@ from typing import NamedTuple
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball
 from rattle.proof.chaos.images import Image, image
-from rattle.proof.flights import Plane
+from rattle.proof.flights import ModelPlane
 
 Pair = tuple[Fraction, Fraction]
 MOST_PIECES = 12_000
 FINEST = 2.0**-12  # half-width of a piece, of a set
 
 
-class Part(NamedTuple):
+class SetPart(NamedTuple):
     """A part of a set: |ξ − xi| ≤ width, |η − eta| ≤ height."""
 
     xi: float
@@ -32,8 +32,8 @@ class Part(NamedTuple):
     height: float
 
 
-WHOLE = Part(0.0, 0.0, 1.0, 1.0)
-EDGES = {side: Part(float(side), 0.0, 0.0, 1.0) for side in (-1, 1)}
+WHOLE = SetPart(0.0, 0.0, 1.0, 1.0)
+EDGES = {side: SetPart(float(side), 0.0, 0.0, 1.0) for side in (-1, 1)}
 
 
 @dataclass(frozen=True)
@@ -75,12 +75,12 @@ class HSet:
 class Mapped:
     """A set and what Π makes of its parts, whose motions meet these walls between two impacts on Σ⁺."""
 
-    plane: Plane
+    plane: ModelPlane
     source: HSet
     walls: tuple[int, ...]
-    images: dict[Part, Image | None] = field(default_factory=dict)
+    images: dict[SetPart, Image | None] = field(default_factory=dict)
 
-    def image(self, part: Part) -> Image | None:
+    def image(self, part: SetPart) -> Image | None:
         """Π of a part, or None if it is not proved what its motions meet."""
         if part not in self.images:
             matrix = self.source.matrix
@@ -101,16 +101,27 @@ class Mapped:
         for _ in self._settled(target, periods, WHOLE, inside=True):
             pass
 
-    def _side(self, target: HSet, periods: int, edge: Part) -> int:
+    def _side(self, target: HSet, periods: int, edge: SetPart) -> int:
         """To which side of a set an edge goes, all of it."""
         sides = set(self._settled(target, periods, edge, inside=False))
         if len(sides) != 1:
             raise NotProvedError("an edge of a set goes to both sides of the next")
         return sides.pop()
 
-    def _settled(self, target: HSet, periods: int, part: Part, inside: bool) -> Iterator[int]:
-        """Parts of a part by what is proved of them: 1, −1 to which side of a set they go, 0 if between its edges and
-        clear of the other two, where they may.
+    def _settled(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
+        """Parts of a part by what is proved of them.
+
+        1, −1 to which side of a set they go, 0 if between its edges and clear of the other two, where they may.
+
+        Yields
+        ------
+        int
+            1 or −1 for the side, or 0.
+
+        Raises
+        ------
+        NotProvedError
+            If a part stays undecided.
         """
         parts, number = [part], 0
         while parts:
@@ -141,14 +152,14 @@ def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Whether finer parts would not help: the image is small, and where it should not be."""
+    """Return whether finer parts would not help: the image is small, and where it should not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
-def _halves(part: Part, grown: Sequence[float]) -> list[Part]:
+def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     xi, eta, width, height = part
     if max(width, height) < FINEST:
         raise NotProvedError("it is not told what the motions of a set meet")
     if (grown[0] * (width > 0), width) >= (grown[1], height):
-        return [Part(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
-    return [Part(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]
+        return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
+    return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

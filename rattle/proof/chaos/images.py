@@ -11,7 +11,7 @@ from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
 from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import Flight, Plane, require_first, sign
+from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first, sign
 
 GROWN = 1.25  # by which the guess of a ball of arrival times is widened, each time that it is refused
 MOST_GROWN = 6
@@ -21,7 +21,7 @@ NEAR = 1e-15  # what is left of the middle's time of arrival
 
 
 class Image(NamedTuple):
-    """Where the middle of a set goes, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
+    """Image of the middle of a set, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
 
     middle: tuple[arb, arb]
     slope: arb_mat
@@ -36,11 +36,20 @@ class Arrival:
     slope: arb_mat
 
 
-def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
-    """Π of all (t, v) in centre + sides [−1, 1]², whose motions meet these walls between two impacts on Σ⁺, with the
-    derivatives by the coordinates in [−1, 1]².
+def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+    """Return Π of all (t, v) in centre + sides [−1, 1]², with the derivatives by the coordinates in [−1, 1]².
 
-    Raises NotProvedError unless that is proved of all of them.
+    Their motions meet these walls between two impacts on Σ⁺.
+
+    Returns
+    -------
+    Image
+        The image.
+
+    Raises
+    ------
+    NotProvedError
+        Unless that is proved of all of them.
     """
     turn = arb_mat([[1, 0], [0, -1]])  # from speeds on Σ⁺ to velocities, and from velocities of arrival to those after
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
@@ -50,14 +59,14 @@ def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence
     return Image((middle[0], -middle[1]), turn * sides)
 
 
-def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """The flights from a wall at times and with velocities middle + sides [−1, 1]², which end first at `target`."""
+def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
+    """Return the flights from a wall at times and velocities middle + sides [−1, 1]², which end first at `target`."""
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
-    bundle = Bundle(plane, middle, sides)
+    bundle = FlightBundle(plane, middle, sides)
     at_middle = bundle.until(time)
     by_t0, by_w0 = _derivatives(at_middle, time)
-    guess = abs(spread(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
+    guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
     for _ in range(MOST_GROWN):
         guess = guess.upper() * GROWN
@@ -80,16 +89,16 @@ def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, ta
     return Arrival(time, at_middle.w1, slope)
 
 
-def spread(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
-    """What by_t0 dt₀ + by_w0 dw₀ is at most for (dt₀, dw₀) in sides [−1, 1]²."""
+def spread_of_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
+    """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
 
 @dataclass(frozen=True)
-class Bundle:
+class FlightBundle:
     """Flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
 
-    plane: Plane
+    plane: ModelPlane
     middle: tuple[arb, arb]
     sides: arb_mat
 
@@ -100,12 +109,12 @@ class Bundle:
         t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
         return t0, w0
 
-    def until(self, t: arb) -> Flight:
-        """The middle one."""
+    def until(self, t: arb) -> FlightEnclosure:
+        """Return the middle one."""
         return _flight(self.plane, *self.middle, t)
 
-    def all_until(self, t: arb) -> Flight:
-        """All of them."""
+    def all_until(self, t: arb) -> FlightEnclosure:
+        """Return all of them."""
         return _flight(self.plane, *self.hull, t)
 
     def height(self, t: arb) -> arb:
@@ -118,11 +127,18 @@ class Bundle:
 
     def _at(self, t: arb, which: int) -> arb:
         by_t0, by_w0 = _derivatives(self.all_until(t), t)
-        return self.until(t).at(t)[which] + arb(0, 1) * spread(self.sides, by_t0[which], by_w0[which])
+        return self.until(t).at(t)[which] + arb(0, 1) * spread_of_sides(self.sides, by_t0[which], by_w0[which])
 
-    def require_clear(self, here: Flight, wall: int, target: int, name: str) -> None:
-        """Raise NotProvedError unless these flights meet no wall on their way, by their extrema or, where these are not
-        told apart, by bisection of the time: in each part Φ' has one sign, or Φ is clear of the walls all through it.
+    def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
+        """Raise NotProvedError unless these flights meet no wall on their way.
+
+        By their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has one sign, or
+        Φ is clear of the walls all through it.
+
+        Raises
+        ------
+        NotProvedError
+            If they may meet a wall.
         """
         try:
             require_first(here, wall, target, name)
@@ -146,16 +162,16 @@ class Bundle:
         raise NotProvedError(f"{name} may meet a wall on its way")
 
 
-def _flight(plane: Plane, t0: arb, w0: arb, t1: arb) -> Flight:
-    """The flight with this begin until t1; not the one between two places, so its own derivatives are left out."""
+def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
+    """Return the flight with this begin until t1; its own derivatives are left out."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
-    return Flight(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
+    return FlightEnclosure(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
 
 
-def _derivatives(here: Flight, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
+def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+    """Return the derivatives of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
     reach = (1 - kept) / plane.delta
@@ -163,7 +179,7 @@ def _derivatives(here: Flight, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]
     return (reach * push - here.w0, kept * push), (reach, kept)
 
 
-def _time(plane: Plane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
+def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
     """When the flight of the middle ends, in a small ball."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers

@@ -13,14 +13,14 @@ from rattle._version import __version__
 from rattle.errors import NotProvedError, require
 from rattle.impacting.gear import Gear
 from rattle.proof.balls import VERSIONS, arb, ball, precision
-from rattle.proof.certificate import Exact, exact
+from rattle.proof.certificate import Exact, exact_number
 from rattle.proof.chaos import search
 from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
-from rattle.proof.chaos.coverings import HSet, Mapped, Pair, Part
-from rattle.proof.flights import Plane
+from rattle.proof.chaos.coverings import HSet, Mapped, Pair, SetPart
+from rattle.proof.flights import ModelPlane
 
 PLACES_TRIED = 3
-POINT = Part(0.0, 0.0, 0.0, 0.0)
+POINT = SetPart(0.0, 0.0, 0.0, 0.0)
 DIGITS = Fraction(1, 10**4)  # of the entropy that is said
 
 
@@ -29,14 +29,28 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 
     Takes half a minute; needs the extra `proof`. Raises ParameterError, and NotProvedError where none was found:
     then there may still be one. Source: docs/proofs.md.
+
+    Returns
+    -------
+    HorseshoeCertificate
+        The certificate.
+
+    Raises
+    ------
+    NotProvedError
+        If no horseshoe is found or proved.
     """
-    parameters = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}
+    parameters = {
+        "delta": exact_number("delta", delta),
+        "epsilon": exact_number("epsilon", epsilon),
+        "beta": exact_number("beta", beta),
+    }
     require(min(parameters.values()) > 0, "delta, epsilon and beta must be positive")
     gear = Gear(*(float(number) for number in parameters.values()))
     best: HorseshoeCertificate | None = None
     with precision():
-        plane = Plane(*(ball(number) for number in parameters.values()))
-        for found in islice(search.search(gear), PLACES_TRIED):
+        plane = ModelPlane(*(ball(number) for number in parameters.values()))
+        for found in islice(search.search_horseshoes(gear), PLACES_TRIED):
             proved = _proved(plane, parameters, found)
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved
@@ -45,8 +59,8 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     return best
 
 
-def _proved(plane: Plane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
-    """The theorem about the loops of a hub that can be proved, None if these are fewer than two."""
+def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
+    """Return the theorem about the loops of a hub that can be proved, None if these are fewer than two."""
     hub = _exactly(found.hub)
     sets, loops = [hub], list[Loop]()
     sources: dict[tuple[int, int], Mapped] = {}  # the hub's images serve all loops
@@ -73,7 +87,7 @@ def _proved(plane: Plane, parameters: dict[str, Fraction], found: search.Found) 
 
 
 def _covered(
-    plane: Plane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
+    plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
 ) -> tuple[int, ...]:
     """How many forcing periods later each set of a chain covers the next. Raises NotProvedError if one does not."""
     periods = []
@@ -89,8 +103,8 @@ def _covered(
     return tuple(periods)
 
 
-def _exactly(box: search.Box) -> HSet:
-    """A box in few digits, its time in [0, 1)."""
+def _exactly(box: search.StateBox) -> HSet:
+    """Return a box in few digits, its time in [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
@@ -106,7 +120,15 @@ def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
 
 
 def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
-    """Whether a line along a side of either of two parallelograms, by their corners in `HSet` order, separates them."""
+    """Return whether a line along a side of either of two parallelograms separates them.
+
+    By their corners in `HSet` order.
+
+    Returns
+    -------
+    bool
+        The answer.
+    """
     for a in (one, other):
         for i in (1, 2):
             normal = a[i][1] - a[0][1], a[0][0] - a[i][0]
@@ -117,7 +139,7 @@ def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy(lengths: Sequence[int]) -> Fraction:
-    """An h for which Σ e^(−h length) ≥ 1 is proved, in few digits."""
+    """Return an h for which Σ e^(−h length) ≥ 1 is proved, in few digits."""
     h = Fraction(math.floor(search.growth(lengths) / DIGITS)) * DIGITS
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

@@ -1,5 +1,7 @@
-"""Where a horseshoe may be, in doubles: a parallelogram to which chaotic motions return, and along each return the
-parallelograms through which Π stretches it back across itself. What is found here is proved elsewhere, or refused.
+"""Search horseshoes, in doubles.
+
+A parallelogram to which chaotic motions return, and along each return the parallelograms through which Π stretches it
+back across itself. What is found here is proved elsewhere, or refused.
 """
 
 from __future__ import annotations
@@ -37,17 +39,17 @@ NEAR = 1e-7  # for differences
 GROWTH = 1.08 ** np.arange(-12, 40)
 
 
-class Box(NamedTuple):
+class StateBox(NamedTuple):
     """A parallelogram centre + ξ unstable + η stable, |ξ|, |η| ≤ 1: centre (2,), sides (2, 2) as columns."""
 
     centre: Array
     sides: Array
 
 
-class Loop(NamedTuple):
+class FoundLoop(NamedTuple):
     """The boxes between two visits to the first one, and how often Σ⁻ is met on the way from each to the next."""
 
-    boxes: tuple[Box, ...]
+    boxes: tuple[StateBox, ...]
     words: tuple[int, ...]
     strip: tuple[float, float]  # of the first box, in ξ
 
@@ -55,11 +57,11 @@ class Loop(NamedTuple):
 class Found(NamedTuple):
     """A box and its loops."""
 
-    hub: Box
-    loops: tuple[Loop, ...]
+    hub: StateBox
+    loops: tuple[FoundLoop, ...]
 
 
-class Segment(NamedTuple):
+class OrbitSegment(NamedTuple):
     """A motion from the hub back to it: states (L + 1, 2) and Σ⁻ impacts (L,) between."""
 
     states: Array
@@ -67,7 +69,7 @@ class Segment(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Map:
+class ReturnMap:
     """Π at one point of the plane."""
 
     gear: Gear
@@ -86,31 +88,31 @@ class Map:
 
 
 def away(x: Array, centre: Array) -> Array:
-    """x − centre (…, 2), times to within half a period."""
+    """Return x − centre (…, 2), times to within half a period."""
     d = x - centre
     d[..., 0] = (d[..., 0] + 0.5) % 1.0 - 0.5
     return d
 
 
 def growth(lengths: Sequence[float]) -> float:
-    """The h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
+    """Return the h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
     if len(lengths) < 2:
         return 0.0
     times = np.asarray(lengths, float)
     return float(brentq(lambda h: float(np.exp(-h * times).sum()) - 1.0, 0.0, np.log(len(times)) + 1.0))
 
 
-def search(gear: Gear) -> Iterator[Found]:
+def search_horseshoes(gear: Gear) -> Iterator[Found]:
     """Horseshoes that may be there, the most chaotic first. Raises NotProvedError: no motion seems chaotic."""
     states, words = _chaotic(gear)
-    pi = Map(gear)
+    pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
-    guesses: list[tuple[int, float, Box, list[Segment]]] = []
+    guesses: list[tuple[int, float, StateBox, list[OrbitSegment]]] = []
     for place, unstable, stable in _places(gear, pi, states, tangents):
-        here = list[tuple[float, Box, list[Segment]]]()
+        here = list[tuple[float, StateBox, list[OrbitSegment]]]()
         for size in SIZES:
             for shape in SHAPES:
-                hub = Box(place, np.column_stack([unstable * size, stable * size * shape]))
+                hub = StateBox(place, np.column_stack([unstable * size, stable * size * shape]))
                 if _is_flat(pi, hub):
                     segments = list(_returns(hub, states, words))
                     here.append((growth([len(word) for word in {x.words for x in segments}]), hub, segments))
@@ -141,14 +143,14 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
         raise NotProvedError("no motion that seems chaotic was found here")
     path, words = [x[:KEPT]], []
     for _ in range(STEPS):
-        after, word = Map(gear)(path[-1])
+        after, word = ReturnMap(gear)(path[-1])
         path.append(after)
         words.append(word)
     return np.array(path), np.array(words)
 
 
-def _places(gear: Gear, pi: Map, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Where a hub may be, with unit vectors that lean as unstable and stable directions: saddles, and states."""
+def _places(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield candidates of a hub, with unit vectors that lean as unstable and stable directions: saddles, and states."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
@@ -170,19 +172,19 @@ def _unit(x: Array) -> Array:
 
 
 def _pulled(tangent: Array, x: Array) -> Array:
-    """What a tangent map makes x of, to length 1."""
+    """Return the image of x under a tangent map, scaled to length 1."""
     (a, b), (c, d) = tangent
     return _unit(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
-def _samples(box: Box, across: int, high: int) -> Array:
-    """A grid of states (across, high, 2) of a box."""
+def _samples(box: StateBox, across: int, high: int) -> Array:
+    """Return a grid of states (across, high, 2) of a box."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
-def _is_flat(pi: Map, hub: Box) -> bool:
-    """Whether Π stretches the box much the same everywhere, so that its image hardly bends."""
+def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
+    """Return whether Π stretches the box much the same everywhere, so that its image hardly bends."""
     after, words = pi(_samples(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
         return False
@@ -192,7 +194,7 @@ def _is_flat(pi: Map, hub: Box) -> bool:
     return bool(lengths.min() > 0 and lengths.max() < UNEVEN * lengths.min() and (moves @ mean > FLAT * lengths).all())
 
 
-def _returns(hub: Box, states: Array, words: NDArray[np.int64]) -> Iterator[Segment]:
+def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
     """First returns to the hub, the shortest first, at most EACH with the same words."""
     inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
@@ -204,16 +206,16 @@ def _returns(hub: Box, states: Array, words: NDArray[np.int64]) -> Iterator[Segm
         word = tuple(int(x) for x in words[start : start + length, j])
         seen[word] = seen.get(word, 0) + 1
         if seen[word] <= EACH and length <= MOST_STEPS and min(word) >= 0 and len(seen) <= MOST_WORDS:
-            yield Segment(states[start : start + length + 1, j], word)
+            yield OrbitSegment(states[start : start + length + 1, j], word)
 
 
-def _loops(pi: Map, hub: Box, segments: Sequence[Segment]) -> list[Loop]:
+def _loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[FoundLoop]:
     """Loops through the hub whose strips of it lie apart, of which Σ e^(−h length) is largest, h being theirs."""
     found = [loop for segment in segments if (loop := _loop(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
-    rate, best = 0.3, list[Loop]()
+    rate, best = 0.3, list[FoundLoop]()
     for _ in range(SCHEDULED):
-        chosen: list[tuple[float, list[Loop]]] = [(0.0, [])]
+        chosen: list[tuple[float, list[FoundLoop]]] = [(0.0, [])]
         for i, loop in enumerate(found):
             apart = sum(other.strip[1] < loop.strip[0] for other in found[:i])
             weight, others = chosen[apart]
@@ -224,16 +226,16 @@ def _loops(pi: Map, hub: Box, segments: Sequence[Segment]) -> list[Loop]:
     return sorted(best, key=lambda loop: len(loop.words))
 
 
-def _growth_of(loops: Sequence[Loop]) -> float:
+def _growth_of(loops: Sequence[FoundLoop]) -> float:
     return growth([len(loop.words) for loop in loops])
 
 
-def _loop(pi: Map, hub: Box, segment: Segment) -> Loop | None:
-    """The boxes about a segment; None if it does not stretch the hub across itself."""
+def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | None:
+    """Return the boxes about a segment; None if it does not stretch the hub across itself."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _across(pi, hub, hub, words[0])
-        return Loop((), words, strip) if high < HIGHEST else None
+        return FoundLoop((), words, strip) if high < HIGHEST else None
     tangents = pi.tangent(x[:-1])
     unstable, stable = [_unit(hub.sides[:, 0])], [_unit(hub.sides[:, 1])]
     for tangent in tangents:
@@ -247,23 +249,23 @@ def _loop(pi: Map, hub: Box, segment: Segment) -> Loop | None:
         if reached is None:
             return None
         lengths[i] = reached
-        target = Box(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
-    boxes: list[Box] = []
+        target = StateBox(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
+    boxes: list[StateBox] = []
     source, strip = hub, (0.0, 0.0)
     for i in range(1, steps):  # and high enough to hold what comes
-        flat = Box(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
+        flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
         high, where = _across(pi, source, flat, words[i - 1])
         if not high < np.inf:
             return None
         strip = where if i == 1 else strip
-        source = Box(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * ROOM]))
+        source = StateBox(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * ROOM]))
         boxes.append(source)
     if not _across(pi, source, hub, words[-1])[0] < HIGHEST:
         return None
-    return Loop(tuple(boxes), words, strip)
+    return FoundLoop(tuple(boxes), words, strip)
 
 
-def _reach(pi: Map, x: Array, unstable: Array, stretched: Array, target: Box, word: int) -> float | None:
+def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int) -> float | None:
     """How far from x an edge must be for its image to lie beyond the target, one edge to either side."""
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
@@ -276,9 +278,15 @@ def _reach(pi: Map, x: Array, unstable: Array, stretched: Array, target: Box, wo
     return float(sizes[np.argmax(good)]) if good.any() else None
 
 
-def _across(pi: Map, source: Box, target: Box, word: int) -> tuple[float, tuple[float, float]]:
-    """The largest |η| of what Π makes of a box between the target's edges, or a little beyond them, and from which ξ to
-    which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets other walls.
+def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
+    """Return the largest |η| of Π's image of a box between the target's edges, or a little beyond them.
+
+    Also from which ξ to which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets other walls.
+
+    Returns
+    -------
+    tuple[float, tuple[float, float]]
+        The size, and both ξ.
     """
     back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)

@@ -1,4 +1,4 @@
-"""Which attractors the samples of cells of the stiff gear go to, by the stages of `rattle.attractors.classify`."""
+"""Classify the samples of cells of the stiff gear, by the stages of `rattle.attractors.classify`."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """No speed above 0 is sure to become quiet: contact tells."""
+        """Return no speed above 0 is sure to become quiet: contact tells."""
         return 0.0
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion."""
+        """Flags of the cells (n_cells,) that have a quiet motion."""
         return np.asarray(self.cells.has_quiet > 0)
 
     def enter_known_orbits(self) -> None:
@@ -81,8 +81,20 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
-    same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
+    """Return the attractors of all cells at once, as `rattle.attractors_of`.
+
+    The parameters broadcast, the samples are the same. A cell's are those of `StiffGear.attractors` to the bit,
+    whatever the other cells are.
+
+    Returns
+    -------
+    AttractorTable
+        A row for each attractor.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     cells = Parameters.of(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
     return of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

@@ -21,6 +21,6 @@ def families_of(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Families:
-    """As `rattle.families_of`. Raises ParameterError."""
+    """Return `rattle.families_of` for the stiff gear. Raises ParameterError."""
     gear = {"beta": beta, "kappa": kappa}
     return families_over(StiffClassifier, delta, epsilon, gear, SampleSpec(count, v_max, seed, budget))

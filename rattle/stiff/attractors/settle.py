@@ -49,13 +49,13 @@ def _between(share, one, other):
 
 @inline
 def begun(tau, v):
-    """The first reference of a trajectory."""
+    """Return the first reference of a trajectory."""
     return Reference(tau, v, 0, 1)
 
 
 @inline
 def looked(tau, v, n, k, reference, samples, balls, unit):
-    """What has become of sample k after n returns: (status, orbit, reference)."""
+    """Return the outcome of sample k after n returns: (status, orbit, reference)."""
     orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return Outcome.PERIODIC, orbit, reference
@@ -78,7 +78,7 @@ def finish(tau, v, n, total, k, status, orbit, samples):
 
 @inline
 def ended_with(code):
-    """What a return that does not come back says of its sample."""
+    """Return the outcome of a sample whose return does not come back."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
@@ -104,7 +104,7 @@ def settle(which, cells, samples, balls):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """As `settle`, with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
+    """Settle probes with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns,
     footprints[j] the boxes that it visits.
@@ -122,7 +122,7 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
             share = max(share, n / most)
             if share >= 1.0:
                 break
-            code, tau, v, time, _below, j00, j01, j10, j11 = flow.departure(
+            code, tau, v, time, _below, j00, j01, j10, j11 = flow.next_departure(
                 tau, v, point.delta, point.epsilon, point.beta, point.kappa
             )
             if code != OK:

@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, longest_step, root_between, tangent_at
+from rattle.continuation.arclength import (
+    CLOSED,
+    Bound,
+    ContinuationProblem,
+    Follower,
+    Path,
+    longest_step,
+    root_between,
+    tangent_at,
+)
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.followed import first_of_doubled
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
@@ -36,11 +45,27 @@ def stiff_branch(
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
 ) -> StiffBranch:
-    """The branch of a periodic motion in "epsilon", "delta" or "kappa", both ways from it, while it happens.
+    """Return the branch of a periodic motion in "epsilon", "delta" or "kappa", both ways from it, while it happens.
 
-    span: (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. parameter may
-    be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution: points over
-    the span, at least. Raises ParameterError, and RattleError if the orbit is no solution.
+    Parameters
+    ----------
+    span : tuple[float, float] | None
+        (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. parameter may
+        be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1.
+    resolution : int
+        Points over the span, at least.
+
+    Returns
+    -------
+    StiffBranch
+        The branch.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the orbit is no solution.
     """
     orbit = as_stiff(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -66,7 +91,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 
 
 def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """The branch through a solution y on a line, while s is in its span."""
+    """Return the branch through a solution y on a line, while s is in its span."""
     if not line.is_admissible(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
     followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
@@ -77,7 +102,7 @@ def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], reso
 
 
 def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """The branch of motions of twice the period from a flip on, along a direction (3,) of parameters."""
+    """Return the branch of motions of twice the period from a flip on, along a direction (3,) of parameters."""
     itinerary = event.itinerary.doubled()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = first_of_doubled(event.itinerary, event.unknowns)
@@ -96,7 +121,7 @@ class _End(NamedTuple):
 
 
 def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
-    """The end of a path."""
+    """Return the end of a path."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
         return _End("span")
@@ -120,7 +145,7 @@ def _name(wall: int) -> str:
 
 
 def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_End, _End]) -> StiffBranch:
-    """The branch through solutions, with its saddle-nodes among the points."""
+    """Return the branch through solutions, with its saddle-nodes among the points."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []
@@ -170,21 +195,35 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
     )
 
 
-def _fold(problem: Problem, a: Array, b: Array) -> Callable[[Array], float]:
-    """The rate of the parameter along the branch from a to b."""
+def _fold(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
+    """Return the rate of the parameter along the branch from a to b."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 
 def stiff_curve(
     event: StiffEvent, delta: tuple[float, float], epsilon: tuple[float, float], resolution: int = 60
 ) -> Array:
-    """The saddle-node or flip curve through an event at fixed κ: points (k, 2c + 2), δ and ε last, while the motion
-    happens in the window of δ and ε (low, high); resolution: points across it, at least. Raises ParameterError.
+    """Return the saddle-node or flip curve through an event at fixed κ.
+
+    Points (k, 2c + 2), δ and ε last, while the motion happens in the window of δ and ε (low, high); resolution: points
+    across it, at least.
+
+    Returns
+    -------
+    Array
+        Points of the curve.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If the event is neither a saddle-node nor a flip.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
-    from rattle.continuation.curves import Window, pieces
+    from rattle.continuation.curves import PlaneWindow, pieces
 
-    window = Window(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
+    window = PlaneWindow(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary
 
     def left(x: Array) -> str | None:

@@ -9,18 +9,34 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import Kind, condition, scale_at
-from rattle.continuation.curves import Curve, Described, Window, limit_of_contact, spread_between, traced, window_range
+from rattle.continuation.curves import (
+    Curve,
+    CurveDescription,
+    PlaneWindow,
+    limit_of_contact,
+    spread_between,
+    traced,
+    window_range,
+)
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.flight.forcing import TWO_PI
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
-from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, is_admissible, softness, struck, trace_of
+from rattle.stiff.orbits.closure import (
+    LEAST_CONTACT,
+    Cycle,
+    closure,
+    is_admissible,
+    softness,
+    struck,
+    trace_of_solution,
+)
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, Family, crossings, families, span_of
-from rattle.stiff.orbits.family_continuation import between
+from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, sign_changes, span_of_family
+from rattle.stiff.orbits.family_continuation import family_solution_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
 #: The letters that meet in each fold.
@@ -51,17 +67,28 @@ def trace(
     delta: tuple[float, float] = (0.3, 1.2),
     epsilon: tuple[float, float] = (0.0, 1.0),
 ) -> Curve:
-    """The bifurcation curve `name`, one of NAMES, of the stiff gear inside a window of the (δ, ε) plane.
+    """Return the bifurcation curve `name`, one of NAMES, of the stiff gear inside a window of the (δ, ε) plane.
 
     SN1: A and C are born; SN2: B and D; G1: C and B meet, G2: A and D, both next to the graze with Σ⁻; PD1: the flip of
     D that is next to its birth, PD2: where it is stable again at higher ε; PDC: the flip of C; quiet_limit: permanent
     contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.impacting.bifurcations.curves`; tau
-    and v are those of the departure from Σ⁺. Raises ParameterError, and RattleError where rounding keeps the curve from
-    being followed.
+    and v are those of the departure from Σ⁺.
+
+    Returns
+    -------
+    Curve
+        The curve in pieces.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where rounding keeps the curve from being followed.
     """
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
-    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     dampings = np.array([*spread_between(*window.delta), *window.delta])
     try:
         if name == QUIET:
@@ -74,12 +101,12 @@ def trace(
 
 
 def describe(name: str) -> str:
-    """What happens on a curve, to which motions. Raises ParameterError on an unknown name."""
+    """Describe a curve: its event and its motions. Raises ParameterError on an unknown name."""
     require_one_of("name", name, NAMES)
     return f"{MEANINGS[name]} (docs/stiff.md)"
 
 
-def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
+def _traced(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
     walls = PLUS if name in OF_ONE_CONTACT else PLUS_MINUS
     itinerary = StiffItinerary(tuple(walls.tolist()), 1, beta, softness(kappa))
     kind = Kind.FLIP if name in FLIPS else Kind.SADDLE_NODE
@@ -87,26 +114,33 @@ def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Arra
     def left(x: Array) -> str | None:
         return _left(name, np.delete(x, -2), Cycle(walls, 1, float(x[-2]), beta, kappa))
 
-    def described(x: Array) -> Described:
+    def described(x: Array) -> CurveDescription:
         orbit = orbit_of(itinerary, x)
-        return Described(orbit.tau, orbit.v, np.array(orbit.multipliers))
+        return CurveDescription(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
     starts = _starts(name, beta, kappa, window, dampings)
     problem, times = condition(itinerary, kind), itinerary.contacts
     return traced(name, beta, problem, starts, window, left, described, lambda _, reason: reason, times)
 
 
-def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Iterator[Array]:
+def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Guesses of the unknowns (2c + 2,) on a curve at these dampings."""
     for delta in dampings.tolist():
-        for family in families(delta, beta, kappa, span_of(delta, window.epsilon[1])):
+        for family in families(delta, beta, kappa, span_of_family(delta, window.epsilon[1])):
             for y in _events(name, family):
                 yield np.insert(y, y.size - 1, delta)
 
 
-def _events(name: str, family: Family) -> list[Array]:
-    """The motions (2c + 1,) of a family that are on a curve. Σ⁻ comes later than half a period after Σ⁺, from middle to
-    middle of the contacts: at 1/2 is the pole of the limit's P(1,1,1), and the paper's curves are beyond.
+def _events(name: str, family: StiffFamily) -> list[Array]:
+    """Return the motions (2c + 1,) of a family that are on a curve.
+
+    Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is the pole of the limit's
+    P(1,1,1), and the paper's curves are beyond.
+
+    Returns
+    -------
+    list[Array]
+        The motions.
     """
     if name in FLIPS:
         found = _flips(name, family)
@@ -118,8 +152,8 @@ def _events(name: str, family: Family) -> list[Array]:
     return [y for y in late if is_admissible(y, family.cycle)]
 
 
-def _flips(name: str, family: Family) -> list[Array]:
-    """The flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
+def _flips(name: str, family: StiffFamily) -> list[Array]:
+    """Return the flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
@@ -128,8 +162,8 @@ def _flips(name: str, family: Family) -> list[Array]:
         if letter != ("C" if name == "PDC" else "D"):
             continue
         points = family.points[edges[i] : edges[i + 1] + 1]
-        above = np.array([trace_of(y, family.cycle) + flip for y in points])
-        turns = crossings(above)
+        above = np.array([trace_of_solution(y, family.cycle) + flip for y in points])
+        turns = sign_changes(above)
         if name == "PD1":
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
@@ -141,12 +175,12 @@ def _flips(name: str, family: Family) -> list[Array]:
 
 
 def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
-    """The flip between two motions of a family, nearly."""
-    sign, y = trace_of(a, cycle) + flip > 0.0, np.empty(a.size)
+    """Return the flip between two motions of a family, nearly."""
+    sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
-        if not between(a, b, 0.5, cycle, y):
+        if not family_solution_above_chord(a, b, 0.5, cycle, y):
             break
-        a, b = (y.copy(), b) if (trace_of(y, cycle) + flip > 0.0) == sign else (a, y.copy())
+        a, b = (y.copy(), b) if (trace_of_solution(y, cycle) + flip > 0.0) == sign else (a, y.copy())
     return a
 
 
@@ -164,7 +198,15 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
 
 
 def _is_greatest(y: Array, cycle: Cycle) -> bool:
-    """Whether ε is greatest at a fold along its family: −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y."""
+    """Return whether ε is greatest at a fold along its family.
+
+    −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y.
+
+    Returns
+    -------
+    bool
+        True if it is.
+    """
     n = y.size - 1
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))
     closure(y, cycle, value, matrix)
@@ -176,8 +218,16 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
     return float(left[:, -1] @ bend) * float(left[:, -1] @ matrix[:, n]) > 0.0
 
 
-def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
-    """x = (phase, δ, ε): the depth of permanent contact, times κ, and its rate vanish (`rattle.stiff.map.quiet`)."""
+def _quiet_limit(beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
+    """Return the curve on which the depth of permanent contact, times κ, and its rate vanish.
+
+    x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
+
+    Returns
+    -------
+    Curve
+        The curve.
+    """
 
     def equations(x: Array) -> Array:
         phase, delta, epsilon = TWO_PI * x[..., 0], x[..., 1], x[..., 2]
@@ -192,4 +242,6 @@ def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> 
         phase = np.arctan2(2 * TWO_PI * delta * kappa, TWO_PI**2 * (a - delta**2)) / TWO_PI
         return np.array([phase, delta, float(quiet_limit(delta, kappa))])
 
-    return limit_of_contact(beta, Problem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window)
+    return limit_of_contact(
+        beta, ContinuationProblem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
@@ -41,7 +41,7 @@ class StiffMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""
+        """Yield A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""
         for k in np.unique(np.linspace(0, steps.size - 1, SEEDS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):
@@ -56,7 +56,7 @@ class StiffMotions(Motions):
         except RattleError:
             return None
 
-    def problem(self, itinerary: StiffItinerary) -> Problem:
+    def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
         """See `Motions`."""
         return self._line(itinerary).problem
 
@@ -81,7 +81,7 @@ class StiffMotions(Motions):
         return *found.events, *found.grazes
 
     def beside(self, event: StiffEvent) -> Iterator[Motion]:
-        """The motion of a flip, which a doubled branch may have led to, and what goes on beyond a graze."""
+        """Yield the motion of a flip, which a doubled branch may have led to, and what goes on beyond a graze."""
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns
         elif event.beyond is not None:
@@ -106,11 +106,18 @@ def diagram(
     most: int = 100,
     seed: int = 0,
 ) -> Diagram[StiffBranch, StiffEvent]:
-    """The bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ, or from κ at the start
-    to κ at the end, evenly in κ^(−1/2); then start and end may be the same. Other arguments as `rattle.diagram`.
+    """Return the bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ.
+
+    Or from κ at the start to κ at the end, evenly in κ^(−1/2); then start and end may be the same. Other arguments as
+    `rattle.diagram`.
 
     A branch has one label; at a graze (GR), which is no bifurcation here, its motion goes on as another branch. Raises
     ParameterError.
+
+    Returns
+    -------
+    Diagram[StiffBranch, StiffEvent]
+        The diagram.
     """
     beta = require_number("beta", beta, positive=True)
     at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)

@@ -1,4 +1,6 @@
-"""Where a motion of the stiff gear gains or loses a contact: the field is continuous, so it goes on with another label.
+"""Find where a motion of the stiff gear gains or loses a contact, and goes on with another label.
+
+The field is continuous.
 
 A contact is lost as its duration falls to 0, and gained where a flight touches a wall. Two contacts with one wall
 become one as the flight between them falls to 0, and one becomes two where its depth falls to 0 on the way. At each of
@@ -11,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import newton, tangent_at
+from rattle.continuation.arclength import newton_on_curve, tangent_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
 from rattle.stiff.bifurcations.line import MotionsOnLine
@@ -30,7 +32,7 @@ class Graze(NamedTuple):
 
 
 def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
-    """The graze at which a branch ends, at its last point and outwards; None if it is none of these."""
+    """Return the graze at which a branch ends, at its last point and outwards; None if it is none of these."""
     c, p = len(line.walls), line.itinerary(y).softness
     flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
     same = np.array(line.walls) == np.roll(line.walls, -1)
@@ -47,7 +49,7 @@ def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
 
 
 def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
-    """The same motion, begun with a contact with Σ⁺, if it has one."""
+    """Return the same motion, begun with a contact with Σ⁺, if it has one."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)
@@ -67,26 +69,26 @@ def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine,
 
 
 def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
-    """The motion of this itinerary to one side of a graze, as near as it happens."""
+    """Return the motion of this itinerary to one side of a graze, as near as it happens."""
     rising = np.zeros(y.size)
     rising[-1] = 1.0
     tangent = tangent_at(line.problem, y, rising)
     for reach in NEAREST:
         for side in (reach, -reach):
-            found = newton(line.problem, y + side * tangent, tangent)
+            found = newton_on_curve(line.problem, y + side * tangent, tangent)
             if found is not None and line.is_admissible(found[0]):
                 return line, found[0]
     return None
 
 
 def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """The motion that makes the contact more which the branch does not know of beyond y."""
+    """Return the motion with one contact more, of which the branch does not know, beyond y."""
     for reach in NEAREST:
-        there = newton(line.problem, y + reach * tangent, tangent)
+        there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])
         if failure is not None and failure.wall != 0:
             more, guess, constraint = (_split if failure.contact else _touching)(line, y, failure)
-            found = newton(more.problem, guess, constraint)
+            found = newton_on_curve(more.problem, guess, constraint)
             if found is not None and more.is_admissible(found[0]):
                 return more, found[0]
     return None
@@ -101,7 +103,7 @@ def _inserted(
 
 
 def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:
-    """A light contact where a flight touches a wall, of a duration that is held."""
+    """Return a light contact where a flight touches a wall, of a duration that is held."""
     p = line.itinerary(y).softness
     duration = BEGUN * p
     more, guess = _inserted(line, y, failure.piece, failure.wall, failure.time - 0.5 * p * duration, duration)
@@ -111,7 +113,7 @@ def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsO
 
 
 def _split(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:
-    """A short flight where the depth of a contact falls to 0, of a length that is held."""
+    """Return a short flight where the depth of a contact falls to 0, of a length that is held."""
     i, c, p = failure.piece, len(line.walls), line.itinerary(y).softness
     gap = BEGUN * p * p
     ends = y[i] + p * y[c + i]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, line_scale, root_between, with_value
+from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, with_value
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
@@ -27,19 +27,19 @@ class MotionsOnLine:
     direction: Array
 
     def plane(self, y: NDArray) -> NDArray:
-        """All unknowns (…, 2c + 3) at y: δ, ε and p last."""
+        """Return all unknowns (…, 2c + 3) at y: δ, ε and p last."""
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
     def parameter(self, x: Array) -> Array:
-        """y of unknowns (2c + 3,) on the line."""
+        """Return y of unknowns (2c + 3,) on the line."""
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
-        """The itinerary with the stiffness at y."""
+        """Return the itinerary with the stiffness at y."""
         return StiffItinerary(self.walls, self.m, self.beta, float(self.plane(y)[-1]))
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ContinuationProblem:
         """The equations along the line."""
         any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
 
@@ -50,10 +50,10 @@ class MotionsOnLine:
             ):  # at a flight of length 0, which Newton's method refuses
                 return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
-        return Problem(equations, scale=line_scale(self.origin, self.direction))
+        return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
 
     def is_admissible(self, y: Array) -> bool:
-        """Whether the motion of a solution does."""
+        """Return whether the motion of a solution does."""
         x = self.plane(y)
         return bool(x[-1] > 0.0) and admissible(self.itinerary(y), x[:-1])
 
@@ -63,16 +63,16 @@ class MotionsOnLine:
         return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
     def orbit(self, y: Array) -> StiffOrbit:
-        """The motion of a solution."""
+        """Return the motion of a solution."""
         return orbit_of(self.itinerary(y), self.plane(y)[:-1])
 
     def solved(self, y: Array) -> Array | None:
-        """The solution at the parameters of a guess y, or None."""
+        """Return the solution at the parameters of a guess y, or None."""
         found = at_parameters(self.itinerary(y), self.plane(y)[:-1])
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """All ways (…, 2c + 1) to write the motion of start, near y."""
+        """Return all ways (…, 2c + 1) to write the motion of start, near y."""
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def halved(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
@@ -86,12 +86,20 @@ class MotionsOnLine:
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
     def is_twice(self, y: Array) -> bool:
-        """Whether y is a motion of half the period twice over."""
+        """Return whether y is a motion of half the period twice over."""
         found = self.halved(y)
         return found is not None and found[2] < TWICE
 
     def flip_near(self, y: Array, width: float) -> Array | None:
-        """The flip on this line at which a doubled branch ends, from a motion y next to it; or None beyond `width`."""
+        """Return the flip on this line at which a doubled branch ends, from a motion y next to it.
+
+        Or None beyond `width`.
+
+        Returns
+        -------
+        Array | None
+            Unknowns at the flip, or None.
+        """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)
             ends = [with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from rattle.continuation.arclength import root_between
 from rattle.continuation.conditions import Kind
-from rattle.continuation.followed import Followed
+from rattle.continuation.followed import FollowedBranch
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
@@ -23,8 +23,10 @@ SAME_MOTION = 1e-6  # in τ and v
 
 
 class StiffEvent(NamedTuple):
-    """A saddle-node (SN), flip (PD) or graze (GR) on a branch: the motion there, and the number of the branch's point
-    before it, at a saddle-node of the point that it is, at a graze of the last one.
+    """A saddle-node (SN), flip (PD) or graze (GR) on a branch.
+
+    The motion there, and the number of the branch's point before it, at a saddle-node of the point that it is, at a
+    graze of the last one.
 
     Nothing bifurcates at a graze: its motion, here without the contact that is gained or lost, goes on as `beyond`.
     """
@@ -56,19 +58,20 @@ class StiffEvent(NamedTuple):
 
     @property
     def admissible(self) -> bool:
-        """Whether the motion happens: always."""
+        """True if the motion happens: always."""
         return True
 
 
 def unknowns_of(orbit: StiffOrbit) -> Array:
-    """Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
+    """Return times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
 
 @dataclass(frozen=True, repr=False)
-class StiffBranch(Followed):
-    """A branch of the stiff gear: see `Followed`. All its motions happen. A saddle-node is one of its points, which
-    counts as stable if the motion is so on one side.
+class StiffBranch(FollowedBranch):
+    """A branch of the stiff gear: see `FollowedBranch`.
+
+    All its motions happen. A saddle-node is one of its points, which counts as stable if the motion is so on one side.
 
     itinerary: with the stiffness of the first point. unknowns (k, 2c + 3): times, durations times √(2κ), δ, ε and
     κ^(−1/2)/√2. events: saddle-nodes and flips. grazes: at which end its motion goes on with another label, and how.
@@ -79,9 +82,9 @@ class StiffBranch(Followed):
     grazes: tuple[StiffEvent, ...]
 
     @property
-    def kappa(self) -> Array:
-        """Stiffness (k,)."""
-        return np.asarray(0.5 / self.unknowns[:, -1] ** 2)
+    def added(self) -> dict[str, Array]:
+        """The stiffness (k,)."""
+        return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
     def unfolded(self) -> Array:
@@ -96,8 +99,9 @@ class StiffBranch(Followed):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
-        impacting motion becomes: the letter of the stretch between folds that it is on
+        """A, B, C or D for every point of a period-one branch, "" for those of any other.
+
+        "" too of the P(1,1,0) that no impacting motion becomes: the letter of the stretch between folds that it is on
         (`rattle.stiff.orbits.families`).
         """
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
@@ -107,7 +111,7 @@ class StiffBranch(Followed):
         return tuple(names)
 
     def curve_of(self, event: StiffEvent) -> str | None:
-        """The curve of `rattle.stiff.trace` that an event of the branch is on, None if it is on none of them."""
+        """Return the curve of `rattle.stiff.trace` that an event of the branch is on, None if it is on none of them."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
             return None  # beyond the pole of the limit's P(1,1,1), at half a period from Σ⁺ to Σ⁻
@@ -130,13 +134,21 @@ class StiffBranch(Followed):
         return "PD2" if gained * (self.epsilon[after] - self.epsilon[before]) > 0.0 else None
 
     def orbit(self, index: int) -> StiffOrbit:
-        """The motion at one point."""
+        """Return the motion at one point."""
         x = self.unknowns[index]
         return orbit_of(replace(self.itinerary, softness=float(x[-1])), x[:-1])
 
     def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
-        """Where the parameter number `index` of the branch (−3, −2, −1: δ, ε, κ^(−1/2)/√2) has this value: the point
-        before, and the unknowns (2c + 3,).
+        """Return the points at which the parameter number `index` of the branch has this value.
+
+        −3, −2, −1: δ, ε, κ^(−1/2)/√2.
+
+        The point before, and the unknowns (2c + 3,).
+
+        Returns
+        -------
+        list[tuple[int, Array]]
+            Number of the point before, and the solution.
         """
         found, at = list[tuple[int, Array]](), self.unknowns[:, index] - value
         line = MotionsOnLine(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
@@ -150,7 +162,7 @@ class StiffBranch(Followed):
 
 
 def _letter(orbit: StiffOrbit) -> str:
-    """The letter of a motion P(1,1,0) or P(1,1,1)."""
+    """Return the letter of a motion P(1,1,0) or P(1,1,1)."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
         if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:
             return name if name in NAMES else ""

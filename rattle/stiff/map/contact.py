@@ -23,7 +23,7 @@ SAFE = 0.999  # of a time in which contact is certain
 
 
 class Contact(NamedTuple):
-    """What x of one contact is made of."""
+    """Terms of x of one contact."""
 
     x0: float  # depth and outward velocity at its beginning
     w0: float
@@ -67,7 +67,7 @@ def responses(s, delta, kappa):
 
 @inline
 def compliance(delta, kappa):
-    """A/D and B/D, by which cos 2πs makes the depth (A cos 2πs + B sin 2πs)/D, and 1/√D."""
+    """Return a/D and B/D, by which cos 2πs makes the depth (A cos 2πs + B sin 2πs)/D, and 1/√D."""
     a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
     size = math.hypot(a, b)
     return a / size / size, b / size / size, 1.0 / size
@@ -87,8 +87,8 @@ def driven(s, delta, kappa):
 
 
 @inline
-def depth(s, contact):
-    """x, x' and h after s, with S, 1 − C there."""
+def contact_depth(s, contact):
+    """Return x, x' and h after s, with S, 1 − C there."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     stiffness = 2.0 * kappa
@@ -99,7 +99,7 @@ def depth(s, contact):
 
 @inline
 def steady(s, contact):
-    """x and x' of permanent contact after s: the periodic solution."""
+    """Return x and x' of permanent contact after s: the periodic solution."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
@@ -110,7 +110,15 @@ def steady(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """u'/u at s from the middle of a piece, of a free motion u that is positive on it; u is even but for e^(−δs/2)."""
+    """Return u'/u at s from the middle of a piece, of a free motion u that is positive on it.
+
+    u is even but for e^(−δs/2).
+
+    Returns
+    -------
+    result
+        The logarithmic rate.
+    """
     if square > 0.0:
         return rate * math.tanh(rate * s) - 0.5 * delta
     return -rate * math.tan(rate * s) - 0.5 * delta
@@ -118,18 +126,23 @@ def log_rate(s, delta, square, rate):
 
 @kernel
 def turn_in(lo, hi, middle, contact):
-    """The zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
+    """Return the zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
 
     q' = h − (δ + u'/u) q.
+
+    Returns
+    -------
+    result
+        The time.
     """
     delta = contact.delta
     square = 0.25 * delta * delta - 2.0 * contact.kappa
     rate = math.sqrt(abs(square))
-    x, v, _h, _s, _l = depth(hi, contact)
+    x, v, _h, _s, _l = contact_depth(hi, contact)
     rising = v - x * log_rate(hi - middle, delta, square, rate) > 0.0
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = depth(s, contact)
+        x, v, h, _s, _l = contact_depth(s, contact)
         r = log_rate(s - middle, delta, square, rate)
         q = v - x * r
         if (q > 0.0) == rising:
@@ -151,10 +164,10 @@ def turn_in(lo, hi, middle, contact):
 
 @kernel
 def fall_in(lo, hi, contact):
-    """The zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
+    """Return the zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = depth(s, contact)
+        x, v, h, _s, _l = contact_depth(s, contact)
         if x > 0.0:
             lo = s
         else:
@@ -178,6 +191,11 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """Follow a contact from phase tau with depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
 
     Returns (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C). If x0 is 0 the motion must press on the wall.
+
+    Returns
+    -------
+    result
+        (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
@@ -204,10 +222,10 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:
             s = min(s + ahead, horizon)
-            x, v, _h, _s, _l = depth(s, contact)
+            x, v, _h, _s, _l = contact_depth(s, contact)
             continue
         end = min(end_of_piece(s, longest, tau, arc), horizon)
-        x1, v1, _h, _s, _l = depth(end, contact)
+        x1, v1, _h, _s, _l = contact_depth(end, contact)
         middle = 0.5 * (s + end)
         q0 = v - x * log_rate(s - middle, delta, square, rate)
         q1 = v1 - x1 * log_rate(end - middle, delta, square, rate)
@@ -217,12 +235,12 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
             turn = turn_in(s, end, middle, contact)
             if q0 > 0.0:
                 lo = turn
-            elif not depth(turn, contact)[0] > 0.0:
+            elif not contact_depth(turn, contact)[0] > 0.0:
                 hi, ends = turn, True
         if ends:
             s = fall_in(lo, hi, contact)
-            x, v, _h, sine, lost = depth(s, contact)
+            x, v, _h, sine, lost = contact_depth(s, contact)
             return ENDS, s, 0.0, min(v, 0.0), sine, lost
         s, x, v = end, x1, v1
-    x, v, _h, sine, lost = depth(s, contact)
+    x, v, _h, sine, lost = contact_depth(s, contact)
     return (LASTS if s >= horizon else TOO_LONG), s, x, v, sine, lost

@@ -26,14 +26,14 @@ _DEPARTURE = Tuple((int64, *3 * (float64,), int64, *_MAP))(*6 * (float64,))
 
 @inline
 def outward_force(wall, tau, delta, epsilon):
-    """The contact force at this phase, positive where it presses on the wall."""
+    """Return the contact force at this phase, positive where it presses on the wall."""
     sine, cosine = phase_at(tau)
     return wall * contact_force(sine, cosine, delta, epsilon, math.copysign(DRIFT, delta))
 
 
 @inline
 def departs(wall, tau, position, w, delta, epsilon):
-    """True if a motion in contact has come to its end: at depth 0 it moves, or is drawn, away from the wall."""
+    """Return whether a motion in contact has come to its end: at depth 0 it moves, or is drawn, away from the wall."""
     if position != 0.0 or wall * w > 0.0:
         return False
     return wall * w < 0.0 or not outward_force(wall, tau, delta, epsilon) > 0.0
@@ -41,15 +41,20 @@ def departs(wall, tau, position, w, delta, epsilon):
 
 @inline
 def multiplied(a00, a01, a10, a11, b00, b01, b10, b11):
-    """The matrix product a b."""
+    """Return the matrix product a b."""
     return a00 * b00 + a01 * b10, a00 * b01 + a01 * b11, a10 * b00 + a11 * b10, a10 * b01 + a11 * b11
 
 
 @kernel
 def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
-    """A free flight to the next wall or the horizon: (status, time, wall or GAP, position, w, 1 − e^(−δs)).
+    """Return a free flight to the next wall or the horizon: (status, time, wall or GAP, position, w, 1 − e^(−δs)).
 
     It starts in the gap, or on a wall (given, with velocity into the gap).
+
+    Returns
+    -------
+    result
+        (status, time, wall or GAP, position, w, 1 − e^(−δs)).
     """
     drift = math.copysign(DRIFT, delta)
     flight = leaving(tau, w, delta, epsilon, drift)
@@ -71,10 +76,15 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
 
 @kernel
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
-    """The next piece of a motion, to where it leaves it or to the horizon.
+    """Return the next piece of a motion, to where it leaves it or to the horizon.
 
     Returns (status, time, wall and position and w after it, whether it has left a contact, its tangent map). A motion
     with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
+
+    Returns
+    -------
+    result
+        (status, time, wall and position and w after it, whether it has left a contact, its tangent map).
     """
     leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
     if wall == GAP or leaves:
@@ -90,9 +100,14 @@ def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
 
 @kernel
 def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
-    """A motion for so long: (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
+    """Return a motion for so long: (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
 
     A contact begins where a flight meets a wall.
+
+    Returns
+    -------
+    result
+        (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
     """
     j00, j01, j10, j11, n_plus, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0, 0.0
     for _ in range(MOST_PIECES):
@@ -113,11 +128,16 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
 
 
 @kernel
-def departure(tau, v, delta, epsilon, beta, kappa):
-    """The return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
+def next_departure(tau, v, delta, epsilon, beta, kappa):
+    """Return the return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
 
     Returns (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times). QUIET: the contact with Σ⁺ at its end
     lasts for ever; τ', v' are then phase and speed of the last departure.
+
+    Returns
+    -------
+    result
+        (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times).
     """
     j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
     wall, position, w = SIGMA_PLUS, 0.0, -v
@@ -146,10 +166,16 @@ def departure(tau, v, delta, epsilon, beta, kappa):
 
 @kernel
 def bounced(wall, tau, w, delta, epsilon, beta, kappa):
-    """From a departure to the next one, from either wall: (status, time of flight, wall, speed of arrival, duration of
-    the contact, its impulse, speed of departure).
+    """Return the flight and the contact from a departure to the next one, from either wall.
+
+    (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
 
     x'' + δx' + 2κx = h from depth 0 to depth 0: the impulse ∫ 2κx is both speeds and ∫ h.
+
+    Returns
+    -------
+    result
+        (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
     """
     status, flown, wall, position, w, _l, _a, _b, _c, _d = piece(
         wall, tau, 0.0, w, delta, epsilon, beta, kappa, math.inf
@@ -172,9 +198,14 @@ def bounced(wall, tau, w, delta, epsilon, beta, kappa):
 
 @kernel
 def preceding(tau, v, delta, epsilon, beta, kappa):
-    """Π⁻¹ by running time backwards, first through the contact that this departure ends.
+    """Return Π⁻¹ by running time backwards, first through the contact that this departure ends.
 
     Returns (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
+
+    Returns
+    -------
+    result
+        (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
     """
     wall, position, w, time, n_minus = SIGMA_PLUS, 0.0, v, 0.0, 0
     for _ in range(MOST_PIECES):

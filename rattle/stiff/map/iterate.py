@@ -32,8 +32,8 @@ def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
 
 
 @kernel
-def stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
-    """As `returned`, with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+def returned_stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
+    """Do `returned` with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
         x, y = 1.0, 0.0
@@ -62,10 +62,19 @@ def iterate(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Iterates:
-    """Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast (dimensionless).
+    """Return Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast.
 
-    As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns the last departure is kept and n_plus < n.
-    n_plus and n_minus count contacts. Raises ParameterError.
+    Dimensionless. As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns, the last state is kept.
+
+    Returns
+    -------
+    Iterates
+        States and numbers of contacts.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
@@ -82,12 +91,24 @@ def iterate_tangent(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Stretched:
-    """As `iterate`, with both Lyapunov exponents over the n returns: see `rattle.iterate_tangent`, in its coordinates.
+    """Return `iterate` with both Lyapunov exponents over the n returns.
 
-    NaN where no return is made. Raises ParameterError.
+    See `rattle.iterate_tangent`, in its coordinates.
+
+    NaN where no return is made.
+
+    Returns
+    -------
+    Stretched
+        States, times and exponents.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     growth = np.zeros((3, flat[0].size))
-    stretched(*flat, n_plus, n_minus, growth)
+    returned_stretched(*flat, n_plus, n_minus, growth)
     return Stretched.of((*flat[:2], n_plus, n_minus), growth, shape)

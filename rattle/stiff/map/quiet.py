@@ -15,10 +15,19 @@ from rattle.flight.forcing import TWO_PI
 
 
 def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
-    """The smallest ε at which permanent contact with Σ⁺ is lost: (δ/κ) √((2κ − 4π²)² + 4π²δ²)/√(4π² + δ²).
+    """Return the smallest ε at which permanent contact with Σ⁺ is lost: (δ/κ) √((2κ − 4π²)² + 4π²δ²)/√(4π² + δ²).
 
     Damping δ > 0 and stiffness κ > 0 broadcast (dimensionless). For κ → ∞ it is `rattle.quiet_limit` times 1 − 2π²/κ.
-    Raises ParameterError.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        The limit.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     try:
         d, k = np.broadcast_arrays(real_array("delta", delta), real_array("kappa", kappa))

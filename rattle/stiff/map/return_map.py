@@ -11,7 +11,7 @@ from rattle.flight.impact_law import log_determinant
 from rattle.intensity.visit import bounce
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits import return_map
-from rattle.stiff.map.flow import bounced, departure, outward_force, preceding
+from rattle.stiff.map.flow import bounced, next_departure, outward_force, preceding
 
 
 class StiffPoint(NamedTuple):
@@ -32,7 +32,7 @@ def acceleration(tau, w, point):
 @kernel
 def step(tau, v, point):
     """Π: (status, τ', v', time, contacts with Σ⁻)."""
-    status, tau1, v1, time, n_minus, _a, _b, _c, _d = departure(
+    status, tau1, v1, time, n_minus, _a, _b, _c, _d = next_departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa
     )
     return status, tau1, v1, time, n_minus
@@ -40,11 +40,16 @@ def step(tau, v, point):
 
 @kernel
 def step_tangent(tau, v, point):
-    """Π with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
+    """Return Π with its tangent.
 
-    A change (dτ, dv) of the departure is (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ; at the end likewise, backwards.
+    A change (dτ, dv) of the departure is (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ; likewise at the next one.
+
+    Returns
+    -------
+    result
+        (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
     """
-    status, tau1, v1, time, n_minus, j00, j01, j10, j11 = departure(
+    status, tau1, v1, time, n_minus, j00, j01, j10, j11 = next_departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa
     )
     if status != OK:

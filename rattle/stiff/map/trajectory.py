@@ -11,9 +11,14 @@ from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, piece
 
 @kernel
 def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_time, contact_wall, contact_speed):
-    """Write Φ and Φ' at rising times, and the contacts begun until the last of them: (status, their number, rest).
+    """Write Φ and Φ' at rising times, and the contacts begun until the last of them.
 
     Contacts beyond the room for them are counted, not written.
+
+    Returns
+    -------
+    result
+        (status, their number, rest).
     """
     wall, position, w, now, i, contacts, rest = SIGMA_PLUS, 0.0, -v, 0.0, 0, 0, math.inf
     for _ in range(MOST_PIECES):

@@ -34,7 +34,7 @@ SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of 
 
 
 class Cycle(NamedTuple):
-    """What all motions of a family share: the walls (c,) in their order, Σ⁺ first, and the forcing periods."""
+    """Shared data of all motions of a family: the walls (c,) in their order, Σ⁺ first, and the forcing periods."""
 
     walls: Any
     m: int
@@ -44,7 +44,7 @@ class Cycle(NamedTuple):
 
 
 def softness(kappa: float) -> float:
-    """p = 1/√(2κ), 0 for infinite stiffness."""
+    """Return p = 1/√(2κ), 0 for infinite stiffness."""
     return float(1.0 / np.sqrt(2.0 * kappa))
 
 
@@ -76,8 +76,8 @@ class Exit(NamedTuple):
 
 
 @inline
-def flight(t0, t1, gap, delta, epsilon):
-    """The ends of a flight over a distance (paper 3.1, 3.2)."""
+def free_flight(t0, t1, gap, delta, epsilon):
+    """Return the ends of a flight over a distance (paper 3.1, 3.2)."""
     s = t1 - t0
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
@@ -105,7 +105,7 @@ def flight(t0, t1, gap, delta, epsilon):
 
 @inline
 def contact(wall, t, u, s, delta, epsilon, kappa):
-    """The end, after s, of a contact that begins at time t with outward velocity u."""
+    """Return the end, after s, of a contact that begins at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     sin0, cos0 = library_phase(t)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
@@ -129,7 +129,7 @@ def contact(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def follower(i, y, cycle):
-    """The flight after contact i: number of the next contact, departure and arrival, and the distance."""
+    """Return the flight after contact i: number of the next contact, departure and arrival, and the distance."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m
@@ -139,9 +139,14 @@ def follower(i, y, cycle):
 
 @kernel
 def closure(y, cycle, value, jacobian):
-    """R (2c,) and ∂R/∂y (2c, 2c + 1): depths over pσ at the ends of the contacts, then jumps of velocity there.
+    """Write R (2c,) and ∂R/∂y (2c, 2c + 1).
 
-    False where a flight would take no time.
+    Depths over pσ at the ends of the contacts, then jumps of velocity there.
+
+    Returns
+    -------
+    result
+        False where a flight would take no time.
     """
     c, delta, epsilon, kappa = cycle.walls.size, cycle.delta, y[2 * cycle.walls.size], cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -151,7 +156,7 @@ def closure(y, cycle, value, jacobian):
         after, t0, t1, gap = follower(i, y, cycle)
         if not t1 > t0:
             return False
-        wall, ends = cycle.walls[i], flight(t0, t1, gap, delta, epsilon)
+        wall, ends = cycle.walls[i], free_flight(t0, t1, gap, delta, epsilon)
         value[c + i] -= wall * ends.w0
         jacobian[c + i, i] -= wall * ends.w0_t0
         jacobian[c + i, c + i] -= wall * p * ends.w0_t0
@@ -176,8 +181,16 @@ def closure(y, cycle, value, jacobian):
 
 
 @kernel
-def trace_of(y, cycle):
-    """The trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs)."""
+def trace_of_solution(y, cycle):
+    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
+
+    A product of exact ones, each det e^(−δs).
+
+    Returns
+    -------
+    result
+        The trace.
+    """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
     j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
@@ -198,10 +211,16 @@ def trace_of(y, cycle):
 
 
 @kernel
-def first_failure(y, cycle):
-    """The first flight or contact of a solution that ends elsewhere than the equations say: (its number, whether it is
-    a contact, the wall and the time at which it ends instead); wall 0 if it does not even begin, number −1 if there is
-    none, and the motion is admissible.
+def failing_piece(y, cycle):
+    """Return the first flight or contact of a solution that ends elsewhere than the equations say.
+
+    (its number, whether it is a contact, the wall and the time at which it ends instead); wall 0 if it does not even
+    begin, number −1 if there is none, and the motion is admissible.
+
+    Returns
+    -------
+    result
+        (its number, whether it is a contact, the wall and the time at which it ends instead).
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -211,7 +230,7 @@ def first_failure(y, cycle):
         after, t0, t1, gap = follower(i, y, cycle)
         if not t1 > t0:
             return i, False, 0, t0
-        ends = flight(t0, t1, gap, delta, epsilon)
+        ends = free_flight(t0, t1, gap, delta, epsilon)
         w0, wall, target = ends.w0, cycle.walls[i], cycle.walls[after]
         u, lasts = target * ends.w1, p * y[c + after]
         if not (wall * w0 < 0.0 < u):
@@ -230,15 +249,23 @@ def first_failure(y, cycle):
 
 @kernel
 def is_admissible(y, cycle):
-    """Whether the motion of a solution is admissible: each contact and flight ends first where the equations say."""
-    return first_failure(y, cycle)[0] < 0
+    """Return whether the motion of a solution is admissible.
+
+    Each contact and flight ends first where the equations say.
+
+    Returns
+    -------
+    result
+        True if it is.
+    """
+    return failing_piece(y, cycle)[0] < 0
 
 
 @kernel
 def struck(y, cycle):
     """When the flight of a P(1,1,0) meets Σ⁻ on its way, NaN if it does not."""
     _after, t0, t1, gap = follower(0, y, cycle)
-    w0 = flight(t0, t1, gap, cycle.delta, y[2]).w0
+    w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:
         return math.nan
     status, s, met, _w, _d, _f, _s, _c = first_impact(
@@ -251,4 +278,4 @@ def struck(y, cycle):
 def departure_of(y, cycle):
     """Phase and speed of the departure from Σ⁺ at the end of the first contact."""
     _after, t0, t1, gap = follower(0, y, cycle)
-    return folded(t0), -flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0
+    return folded(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

@@ -64,7 +64,7 @@ def free_responses(duration, loss):
 
 @inline
 def sine_defect(z):
-    """z − sin z."""
+    """Return z − sin z."""
     if abs(z) < SMALL:
         y = z * z
         return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))
@@ -72,9 +72,16 @@ def sine_defect(z):
 
 
 @inline
-def contact(sign, t, duration, u, p, delta, epsilon):
-    """A contact entered with outward velocity u: its depth at the end, over p, and its outward velocity there, x and v;
-    x_u, v_u, x_t, v_t (by the time of the beginning), v_σ. That of x by σ is v.
+def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
+    """Return a contact entered with outward velocity u.
+
+    Its depth at the end, over p, and its outward velocity there, x and v; x_u, v_u, x_t, v_t (by the time of the
+    beginning), v_σ. That of x by σ is v.
+
+    Returns
+    -------
+    result
+        x, v and their derivatives.
     """
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration
@@ -105,8 +112,14 @@ def contact(sign, t, duration, u, p, delta, epsilon):
 
 @kernel
 def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """The flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if asked for, of motions x (k, 2c + 2) that meet the walls
-    `signs` (c,), at p (k,).
+    """Return the flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if requested, of motions x (k, 2c + 2).
+
+    They meet the walls `signs` (c,), at p (k,).
+
+    Returns
+    -------
+    result
+        Flights, R and J.
     """
     k, c = x.shape[0], signs.size
     n = 2 * c
@@ -126,7 +139,9 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
         for i in range(c):
             sign, before, duration = signs[i], (i - 1) % c, x[j, c + i]
             u = sign * flights[W1, j, before]
-            depth, v, x_u, v_u, x_t, v_t, v_duration = contact(sign, x[j, i], duration, u, p[j], delta, epsilon)
+            depth, v, x_u, v_u, x_t, v_t, v_duration = contact_of_entry(
+                sign, x[j, i], duration, u, p[j], delta, epsilon
+            )
             depth = np.divide(depth, duration)
             residual[j, i], residual[j, c + i] = depth, v - sign * flights[W0, j, i]
             if not with_matrix:
@@ -153,8 +168,9 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
 
 @dataclass(frozen=True)
 class StiffItinerary(Equations):
-    """Which walls a motion of the stiff gear meets, in how many forcing periods, the half-backlash, and p = 1/√(2κ), 0
-    for the impacting model.
+    """Walls that a motion of the stiff gear meets, its forcing periods, the half-backlash, and p = 1/√(2κ).
+
+    p is 0 for the impacting model.
     """
 
     softness: float

@@ -20,18 +20,26 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
-from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, is_admissible, softness, struck, trace_of
+from rattle.stiff.orbits.closure import (
+    LEAST_CONTACT,
+    Cycle,
+    departure_of,
+    is_admissible,
+    softness,
+    struck,
+    trace_of_solution,
+)
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.family_continuation import (
     BROKEN,
     CLOSED,
     LOST,
     MOST_POINTS,
-    between,
     corrected,
     edge,
+    family_solution_above_chord,
     folds_of,
-    follow,
+    follow_family,
     located,
     place,
 )
@@ -54,7 +62,7 @@ class Member(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Family:
+class StiffFamily:
     """Points (k, 2c + 1) of a family in their order, the folds in ε among them; letters of the stretches between."""
 
     cycle: Cycle
@@ -65,11 +73,13 @@ class Family:
 
     @property
     def saddles(self) -> list[bool]:
-        """Of every stretch, whether its motions are saddles with a multiplier above 1."""
+        """Flags of the stretches whose motions are saddles with a multiplier above 1."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
-            found.append(trace_of(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1))
+            found.append(
+                trace_of_solution(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1)
+            )
         return found
 
     @property
@@ -79,9 +89,9 @@ class Family:
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
     def at(self, epsilon: float) -> list[Member]:
-        """The motions of this eccentricity that happen. Raises RattleError where one is lost."""
+        """Return the motions of this eccentricity that happen. Raises RattleError where one is lost."""
         found, y = [], np.empty(self.points.shape[1])
-        for k in crossings(self.points[:, -1] - epsilon):
+        for k in sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
             if located(*ends, y.size - 1, epsilon, self.cycle, y):
                 y[-1] = epsilon
@@ -89,48 +99,56 @@ class Family:
                     name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
                     found.append(Member(name, self.cycle, y.copy()))
             elif any(is_admissible(end, self.cycle) for end in ends):
-                raise lost(self.cycle, epsilon)
+                refusal = lost(self.cycle, epsilon)
+                raise refusal
         return found
 
 
-def crossings(values: Array) -> list[int]:
-    """Where a function changes sign: the numbers of the points before."""
+def sign_changes(values: Array) -> list[int]:
+    """Return the numbers of the points before a function changes sign."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
 
 def lost(cycle: Cycle, epsilon: float) -> RattleError:
-    """What to say where a family breaks off while its motions happen: what is beyond would be missing."""
+    """Return the error for a family that breaks off while its motions happen: the part beyond would be missing."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
         f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
     )
 
 
-def span_of(delta: float, epsilon: float) -> float:
-    """The largest ε to which families are followed for a point: it depends on the point alone."""
+def span_of_family(delta: float, epsilon: float) -> float:
+    """Return the largest ε to which families are followed for a point: it depends on the point alone."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
-def through(y: Array, cycle: Cycle, span: float) -> Family:
-    """The family through a solution, both ways to its ends."""
+def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
+    """Return the family through a solution, both ways to its ends."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
-    k, on = follow(y, direction, cycle, span, room)
+    k, on = follow_family(y, direction, cycle, span, room)
     points, back = room[:k].copy(), on
     if on != CLOSED:
-        k, back = follow(y, -direction, cycle, span, room)
+        k, back = follow_family(y, -direction, cycle, span, room)
         points = np.concatenate([room[k - 1 : 0 : -1], points])
     before = np.empty(len(points), np.int64)
     folds, all_located = folds_of(points, cycle, before)
     ends = (back, on) if all_located else (BROKEN, BROKEN)
     before = before[: len(folds)]
-    return Family(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
+    return StiffFamily(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
 
 
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
-    """Unknowns (k, 2c + 1) of motions whose contacts begin at these times after the first one's and last pσ, both
-    (k, c): all equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the sense of least squares.
+    """Return unknowns (k, 2c + 1) of motions whose contacts begin at these times and last pσ, both (k, c).
+
+    Times are after the first one's. All equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the
+    sense of least squares.
+
+    Returns
+    -------
+    Array
+        The unknowns.
     """
     itinerary = StiffItinerary(tuple(cycle.walls.tolist()), cycle.m, cycle.beta, softness(cycle.kappa))
     plane = np.full((len(offset), 1), cycle.delta)
@@ -161,12 +179,12 @@ def _at_sn1(cycle: Cycle) -> Array | None:
     return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
-def without_minus(cycle: Cycle, span: float) -> list[Family]:
-    """The family of A and C, if there is one."""
+def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
+    """Return the family of A and C, if there is one."""
     guess = _at_sn1(cycle)
     if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
         return []
-    family = through(guess, cycle, span)
+    family = family_through(guess, cycle, span)
     if not family.folds.size:
         return []
     sn1 = int(np.argmin(np.abs(family.points[family.folds] - guess).max(axis=1)))
@@ -176,37 +194,37 @@ def without_minus(cycle: Cycle, span: float) -> list[Family]:
     return [replace(family, letters=tuple(letters))]
 
 
-def slow(cycle: Cycle, span: float) -> list[Family]:
-    """The families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
+def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
+    """Return the families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
-    known, found = without_minus(cycle, span), list[Family]()
+    known, found = without_minus(cycle, span), list[StiffFamily]()
     for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
         if not (is_admissible(guess, cycle) and edge(guess, cycle, span)[0] < 0):
             continue
-        if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held(guess, (*known, *found)):
-            family = through(guess, cycle, span)
+        if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held_orbits(guess, (*known, *found)):
+            family = family_through(guess, cycle, span)
             if not family.breaks:  # where contact lasts nearly all the time, equations are nearly singular
                 found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
     return found
 
 
-def with_minus(cycle: Cycle, span: float, plus: Sequence[Family]) -> list[Family]:
-    """The families of P(1,1,1); plus: those of P(1,1,0)."""
-    found: list[Family] = []
+def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
+    """Return the families of P(1,1,1); plus: those of P(1,1,0)."""
+    found: list[StiffFamily] = []
     for guess, constraint in _starts(cycle, plus):
         y = guess.copy()
-        if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held(y, found):
-            found.append(through(y, cycle, span))
+        if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held_orbits(y, found):
+            found.append(family_through(y, cycle, span))
     return [replace(family, letters=_letters(family, plus)) for family in found]
 
 
-def _starts(cycle: Cycle, plus: Sequence[Family]) -> Iterator[tuple[Array, Array]]:
+def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
     """Guesses of P(1,1,1), and the row of Newton's equations that says what they are to keep."""
     p = softness(cycle.kappa)
     for family in plus:
-        for y in grazes(family):
+        for y in family_grazes(family):
             yield y, np.array([0.0, 0.0, 0.0, 1.0, 0.0])
     beside = np.geomspace(1e-3, 0.49, TIMES)
     times = np.concatenate([0.5 - beside, 0.5 + beside])
@@ -216,7 +234,7 @@ def _starts(cycle: Cycle, plus: Sequence[Family]) -> Iterator[tuple[Array, Array
         yield y, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def grazes(family: Family) -> list[Array]:
+def family_grazes(family: StiffFamily) -> list[Array]:
     """P(1,1,1) with a slight contact with Σ⁻, near where the flights of a family of P(1,1,0) begin to meet it."""
     cycle, found = family.cycle, []
     meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
@@ -224,16 +242,23 @@ def grazes(family: Family) -> list[Array]:
         hit, miss = family.points[i : i + 2] if meets[i] else family.points[i : i + 2][::-1]
         y = np.empty(3)
         for _ in range(BISECTIONS):
-            if not between(hit, miss, 0.5, cycle, y):
+            if not family_solution_above_chord(hit, miss, 0.5, cycle, y):
                 break
             hit, miss = (hit, y.copy()) if np.isnan(struck(y, cycle)) else (y.copy(), miss)
         found.append(np.array([hit[0], struck(hit, cycle), hit[1], SLIGHT, hit[2]]))
     return found
 
 
-def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
-    """The letters of a family of P(1,1,1). Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter
-    the stretch shares; but a C that never folds back to B is D, as beyond COD23.
+def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
+    """Return the letters of a family of P(1,1,1).
+
+    Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter the stretch shares; but a C that never
+    folds back to B is D, as beyond COD23.
+
+    Returns
+    -------
+    tuple[str, ...]
+        A letter for each stretch.
     """
     saddles = family.saddles
     names = ["B" if saddle else "D" for saddle in saddles]
@@ -247,8 +272,8 @@ def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
-    """The letter of the P(1,1,0) that a family of P(1,1,1) becomes at an end where its contact with Σ⁻ is lost."""
+def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
+    """Return the letter of the P(1,1,0) that a family of P(1,1,1) becomes where its contact with Σ⁻ is lost."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""
@@ -259,26 +284,49 @@ def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
     return ""
 
 
-def held(y: Array, families: Sequence[Family]) -> bool:
-    """Whether a solution is on one of these families."""
+def held_orbits(y: Array, families: Sequence[StiffFamily]) -> bool:
+    """Return whether a solution is on one of these families."""
     return any(place(family.points, y, family.cycle) >= 0 for family in families)
 
 
 @lru_cache(maxsize=256)
-def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Family, ...]:
-    """The families that hold the counterparts of A–D, with ε up to a span. Raises RattleError where one breaks off."""
+def families(delta: float, beta: float, kappa: float, span: float) -> tuple[StiffFamily, ...]:
+    """Return the families that hold the counterparts of A–D, with ε up to a span.
+
+    Returns
+    -------
+    tuple[Family, ...]
+        The families.
+
+    Raises
+    ------
+    RattleError
+        Where one breaks off.
+    """
     plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
     found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
     for family in found:
         for y in family.breaks:
-            raise lost(family.cycle, float(y[-1]))
+            refusal = lost(family.cycle, float(y[-1]))
+            raise refusal
     return found
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
-    """The counterparts of A–D that happen at one point, and slow motions of their families: letter by letter, P(1,1,0)
-    first, then by falling time from Σ⁺ to Σ⁻. Raises RattleError where a family is lost.
+    """Return the counterparts of A–D that happen at one point, and slow motions of their families.
+
+    Letter by letter, P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
+
+    Returns
+    -------
+    list[Member]
+        The motions.
+
+    Raises
+    ------
+    RattleError
+        Where a family is lost.
     """
-    span = span_of(delta, epsilon)
+    span = span_of_family(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

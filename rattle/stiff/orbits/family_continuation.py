@@ -63,7 +63,7 @@ def eliminate(matrix, right):
 
 @inline
 def small(cycle):
-    """What is small of ε: `plane_scale`."""
+    """Return the size of ε that counts as small: `plane_scale`."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 
@@ -102,7 +102,7 @@ def corrected(y, constraint, cycle):
 
 
 @kernel
-def tangent_at(y, direction, cycle, tangent):
+def family_tangent(y, direction, cycle, tangent):
     """Write the unit tangent on the side of a direction: the sign of the determinant of Jacobian and tangent, or 0."""
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
@@ -121,7 +121,7 @@ def tangent_at(y, direction, cycle, tangent):
 
 @inline
 def shortest_flight(y, cycle):
-    """The time of the shortest flight between contacts."""
+    """Return the time of the shortest flight between contacts."""
     c, shortest = cycle.walls.size, math.inf
     for i in range(c):
         begins = y[i + 1] if i < c - 1 else y[0] + cycle.m
@@ -131,7 +131,7 @@ def shortest_flight(y, cycle):
 
 @inline
 def edge(y, cycle, largest):
-    """Which edge y is beyond, and the unknown that says so: (−1, 0) if it is inside."""
+    """Return the edge that y is beyond, and the unknown that says so: (−1, 0) if it is inside."""
     c = cycle.walls.size
     if not 0.0 <= y[2 * c] <= largest:
         return SPAN, 2 * c
@@ -144,18 +144,18 @@ def edge(y, cycle, largest):
 
 
 @kernel
-def between(a, b, share, cycle, y):
+def family_solution_above_chord(a, b, share, cycle, y):
     """Write the solution above this share of the chord from a to b; False if there is none."""
     y[:] = a + share * (b - a)
     return corrected(y, b - a, cycle) > 0
 
 
 @inline
-def measured(y, index, level, chord, cycle, tangent):
-    """What `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
+def measured_unknown(y, index, level, chord, cycle, tangent):
+    """Return the function that `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
     if index >= 0:
         return y[index] - level
-    tangent_at(y, chord, cycle, tangent)
+    family_tangent(y, chord, cycle, tangent)
     return tangent[y.size - 1]
 
 
@@ -164,11 +164,16 @@ def located(a, b, index, level, cycle, y):
     """Write the solution between a and b at which an unknown has its level (index −1: ε turns back); False if lost.
 
     Secant steps on the share of the way, halved where they stall.
+
+    Returns
+    -------
+    result
+        False if lost.
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
-    f_lo = measured(a, index, level, chord, cycle, tangent)
-    f_hi = measured(b, index, level, chord, cycle, tangent)
+    f_lo = measured_unknown(a, index, level, chord, cycle, tangent)
+    f_hi = measured_unknown(b, index, level, chord, cycle, tangent)
     if f_lo * f_hi >= 0.0:  # an end is the place, and rounding turned its sign
         y[:] = b if abs(f_hi) < abs(f_lo) else a
         return True
@@ -176,9 +181,9 @@ def located(a, b, index, level, cycle, y):
         last, share = share, (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not lo < share < hi:
             share = 0.5 * (lo + hi)
-        if not between(a, b, share, cycle, y):
+        if not family_solution_above_chord(a, b, share, cycle, y):
             return False
-        f = measured(y, index, level, chord, cycle, tangent)
+        f = measured_unknown(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
         lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, share, f)
@@ -187,8 +192,14 @@ def located(a, b, index, level, cycle, y):
 
 @kernel
 def passes(solution, a, b, cycle, y):
-    """True if the family passes through a solution between its points a and b, written as it is there: some periods
-    later perhaps.
+    """Return whether the family passes through a solution between its points a and b, written as it is there.
+
+    Some periods later perhaps.
+
+    Returns
+    -------
+    result
+        True if it does.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
     unit, n = small(cycle), a.size - 1
@@ -208,17 +219,23 @@ def passes(solution, a, b, cycle, y):
     if not off < LARGEST_TURN * size:
         return False
     twin = y.copy()
-    return between(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
+    return family_solution_above_chord(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
 
 
 @kernel
-def follow(start, direction, cycle, largest, points):
-    """Follow a family from a solution inside towards a direction with ε up to `largest`, and write its points (most,
-    2c + 1): how many there are, and why it ends.
+def follow_family(start, direction, cycle, largest, points):
+    """Follow a family from a solution inside towards a direction with ε up to `largest`.
+
+    Its points are written (most, 2c + 1).
+
+    Returns
+    -------
+    result
+        Number of points, and the reason of the end.
     """
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
-    sign = tangent_at(start, direction, cycle, tangent)
+    sign = family_tangent(start, direction, cycle, tangent)
     points[0], k, step = start, 1, FIRST
     if sign == 0.0:
         return k, BROKEN
@@ -231,7 +248,7 @@ def follow(start, direction, cycle, largest, points):
         new[:] = x + step * tangent
         corrections = corrected(new, tangent, cycle)
         far = math.sqrt(inner(new - x, new - x, unit)) > 2.0 * step
-        new_sign = tangent_at(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
+        new_sign = family_tangent(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
         turn = math.acos(min(max(inner(tangent, new_tangent, unit), -1.0), 1.0))
         if new_sign != sign or turn > LARGEST_TURN:
             step *= 0.4
@@ -252,15 +269,21 @@ def follow(start, direction, cycle, largest, points):
 
 @kernel
 def folds_of(points, cycle, folds):
-    """The solutions (k, 2c + 1) between the points of a family at which ε turns back, with the numbers of the points
-    before them written, and whether all of them could be located.
+    """Return the solutions (k, 2c + 1) between the points of a family at which ε turns back.
+
+    The numbers of the points before them are written.
+
+    Returns
+    -------
+    result
+        The solutions, and whether all of them could be located.
     """
     n = points.shape[1]
     tangent, found, before = np.empty(n), np.empty((len(points), n)), np.empty(n)
     rate, k, all_located = 0.0, 0, True
     for i in range(len(points)):
         towards = points[i + 1] - points[i] if i < len(points) - 1 else points[i] - points[i - 1]
-        tangent_at(points[i], towards, cycle, tangent)
+        family_tangent(points[i], towards, cycle, tangent)
         if i > 0 and tangent[n - 1] * rate < 0.0:
             if located(points[i - 1], points[i], -1, 0.0, cycle, before):
                 found[k], folds[k] = before, i - 1
@@ -273,7 +296,15 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def place(points, solution, cycle):
-    """The number of the point of a family (k, 2c + 1) after which it passes through a solution, −1 if it does not."""
+    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution.
+
+    −1 if it does not.
+
+    Returns
+    -------
+    result
+        The number.
+    """
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
         if passes(solution, points[i], points[i + 1], cycle, y):

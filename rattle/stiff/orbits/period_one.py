@@ -12,9 +12,9 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, parameters, require_number
 from rattle.flight.impact_law import ELASTIC
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
-from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of
+from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of_solution
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
+from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of_family, without_minus
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
 LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for, of the scale of the plane
@@ -28,8 +28,8 @@ class Named(NamedTuple):
 
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
-    """All counterparts of A–D that happen at a point, and P(1,1,0) beside them as "P", sorted by letter."""
-    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of(delta, epsilon)
+    """Return all counterparts of A–D that happen at a point, and P(1,1,0) beside them as "P", sorted by letter."""
+    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of_family(delta, epsilon)
     others = (member for family in slow(cycle, span) for member in family.at(epsilon))
     found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
     return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
@@ -41,12 +41,24 @@ def _orbit(member: Member) -> StiffOrbit:
 
 
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> PeriodOne:
-    """The counterparts of A–D that happen, for every element of the broadcast parameters (dimensionless).
+    """Return the counterparts of A–D that happen, for every element of the broadcast parameters (dimensionless).
 
     As `rattle.period_one`; tau and v are those of the departure from Σ⁺. What is found at a point depends on nothing
     but its parameters. Where there are several of one letter, a P(1,1,0) comes first, then that with the longest time
     from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.orbits.families` does not find (docs/stiff.md says what
-    can be missed). Raises ParameterError, and RattleError where a family is lost on the way.
+    can be missed).
+
+    Returns
+    -------
+    PeriodOne
+        Existence, states and multipliers, (4, …).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where a family is lost on the way.
     """
     arrays = parameters(delta, epsilon, beta, kappa=kappa)
     shape = arrays[0].shape
@@ -61,7 +73,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
             if not exists[letter, i]:
                 exists[letter, i] = True
                 tau[letter, i], v[letter, i] = departure_of(member.y, member.cycle)
-                trace[letter, i] = trace_of(member.y, member.cycle)
+                trace[letter, i] = trace_of_solution(member.y, member.cycle)
     decay = ELASTIC.determinant(cells[:, 0], 1, 1)
     with np.errstate(invalid="ignore"):
         multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
@@ -71,16 +83,39 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D; another set of
-    them by its number in `rattle.REGIONS`. Raises ParameterError and RattleError, as `period_one`.
+    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
+
+    By the counterparts of A–D. Another set of them by its number in `rattle.REGIONS`.
+
+    Returns
+    -------
+    NDArray[np.int8]
+        Number of each region.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        As `period_one`.
     """
     return classify(period_one(delta, epsilon, beta, kappa))
 
 
 def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
-    """The motion of the stiff gear at SN1, where A and C are born: ε(δ) beside δ, β and κ.
+    """Return the motion of the stiff gear at SN1, where A and C are born: ε(δ) beside δ, β and κ.
 
-    Raises ParameterError, and RattleError where there is none.
+    Returns
+    -------
+    StiffOrbit
+        The motion.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where there is none.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))

@@ -1,6 +1,5 @@
 """Periodic motions P(m, n₊, n₋) of the stiff gear: solved for, checked, followed from the impacting limit."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -8,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, Follower, Path, Problem, longest_step, tangent_at
+from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, longest_step, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
@@ -28,8 +27,9 @@ MOST_STEPS = 200
 
 @dataclass(frozen=True, repr=False)
 class StiffOrbit(Periodic):
-    """A periodic motion of the stiff gear: see `Periodic`. durations (c,) of its contacts, which end with the
-    speeds; depths are below speed/√(2κ) or so.
+    """A periodic motion of the stiff gear: see `Periodic`. durations (c,) of its contacts, which end with the speeds.
+
+    Depths are below speed/√(2κ) or so.
     """
 
     kappa: float
@@ -62,13 +62,14 @@ class StiffOrbit(Periodic):
 
 
 def trace_of(itinerary: StiffItinerary, x: Array) -> float:
-    """The trace of the tangent map (2, 2) in (Φ, Φ') over the period."""
-    return float(closure.trace_of(np.delete(x, -2), _cycle(itinerary, x)))
+    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period."""
+    return float(closure.trace_of_solution(np.delete(x, -2), _cycle(itinerary, x)))
 
 
 class Failure(NamedTuple):
-    """What does not happen in a motion: its contact, or flight, of this number ends at this wall and time instead; wall
-    0: it does not even begin.
+    """Failure of a motion: its contact, or flight, of this number ends at this wall and time instead.
+
+    Wall 0: it does not even begin.
     """
 
     piece: int
@@ -78,13 +79,21 @@ class Failure(NamedTuple):
 
 
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
-    """Whether the motion of x is admissible: each contact and each flight ends first where the equations say."""
+    """Return whether the motion of x is admissible: each contact and each flight ends first where the equations say."""
     return bool(closure.is_admissible(np.delete(x, -2), _cycle(itinerary, x)))
 
 
 def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
-    """The first flight or contact of x (2c + 2,) that ends elsewhere than the equations say, None if all happen."""
-    number, contact, wall, time = closure.first_failure(np.delete(x, -2), _cycle(itinerary, x))
+    """Return the first flight or contact of x (2c + 2,) that ends elsewhere than the equations say.
+
+    None if all happen.
+
+    Returns
+    -------
+    Failure | None
+        The failure, or None.
+    """
+    number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
 
 
@@ -94,7 +103,7 @@ def _cycle(itinerary: StiffItinerary, x: Array) -> Cycle:
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
-    """The motion of a solution x (2c + 2,) of the equations, time folded."""
+    """Return the motion of a solution x (2c + 2,) of the equations, time folded."""
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
@@ -102,9 +111,21 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
-    """The motion of the stiff gear at κ that a motion of the impacting model (κ = ∞) becomes, followed in κ^(−1/2).
+    """Return the motion of the stiff gear at κ that a motion of the impacting model becomes.
 
-    Raises ParameterError, and RattleError where it folds back before κ is reached or does not happen there.
+    Followed in κ^(−1/2) from κ = ∞.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        Where it folds back before κ is reached or does not happen there.
     """
     kappa = require_number("kappa", kappa, positive=True)
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
@@ -116,7 +137,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
         return limit.residual_at(np.concatenate([y[..., :n], parameters], axis=-1), y[..., n:])
 
     start = np.concatenate([orbit.times, np.full(orbit.times.size, np.pi), [0.0]])
-    path = follow_from_limit(Problem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
+    path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         raise RattleError(
@@ -130,7 +151,11 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
 
 
 def follow_from_limit(
-    problem: Problem, start: Array, direction: Array, span: tuple[float, float], is_admissible: Callable[[Array], bool]
+    problem: ContinuationProblem,
+    start: Array,
+    direction: Array,
+    span: tuple[float, float],
+    is_admissible: Callable[[Array], bool],
 ) -> Path:
     """Solutions y (N + 1,) from the start on, the last unknown within its span, while they happen."""
     follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST))
@@ -140,7 +165,20 @@ def follow_from_limit(
 def follow_contacts(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, n_plus: int
 ) -> tuple[StiffItinerary, Array]:
-    """The itinerary and the unknowns of the motion from the departure (τ, v) through n_plus contacts with Σ⁺ more."""
+    """Return the itinerary and the unknowns of the motion from the departure (τ, v).
+
+    Through n_plus contacts with Σ⁺ more.
+
+    Returns
+    -------
+    tuple[StiffItinerary, Array]
+        The itinerary and the unknowns.
+
+    Raises
+    ------
+    RattleError
+        If the motion comes to rest before.
+    """
     p = softness(kappa)
     wall, position, w, time = np.int64(1), 0.0, -v, tau
     walls, begins, durations = list[int](), list[float](), list[float]()
@@ -169,22 +207,46 @@ def follow_contacts(
 
 
 def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
-    """A motion as its contact equations; an `Orbit` is solved for. Raises ParameterError if it is another gear's."""
+    """Return a motion as its contact equations; an `Orbit` is solved for.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
+
+    Raises
+    ------
+    ParameterError
+        If it is another gear's.
+    """
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
-    require(math.isfinite(orbit.kappa), "this orbit is of the impacting gear: follow it with rattle.branch")
-    return stiff_orbit(orbit.delta, orbit.epsilon, orbit.kappa, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
+    require("kappa" in orbit.added, "this orbit is of the impacting gear: follow it with rattle.branch")
+    return stiff_orbit(orbit.delta, orbit.epsilon, orbit.added["kappa"], orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
 def stiff_orbit(
     delta: float, epsilon: float, kappa: float, tau: float, v: float, n_plus: int = 1, beta: float = 0.6
 ) -> StiffOrbit:
-    """The periodic motion of the stiff gear near the departure (τ, v) from Σ⁺, with n_plus ≥ 1 contacts with Σ⁺ a
-    period, by Newton's method on times and durations of its contacts.
+    """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺.
+
+    With n_plus ≥ 1 contacts with Σ⁺ a period, by Newton's method on times and durations of its contacts.
 
     The motion has its least period: if it repeats itself earlier than after n_plus contacts, its n_plus is smaller. All
-    numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is none near.
+    numbers dimensionless; time in forcing periods.
+
+    Returns
+    -------
+    StiffOrbit
+        The motion.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If there is none near.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     kappa, v = require_number("kappa", kappa, positive=True), require_number("v", v, positive=True)

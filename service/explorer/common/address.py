@@ -65,23 +65,23 @@ class Pin(NamedTuple):
 
     @property
     def written(self) -> str:
-        """As an address has it: what the first model adds without its name, as in addresses of before."""
+        """Text in an address: the first model's added parameter without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
         return ",".join([*map(repr, self[:3]), *more])
 
     @property
     def label(self) -> str:
-        """What it is called."""
+        """Text on the map."""
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
 def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
-    """A point of a model as a pin."""
+    """Return a point of a model as a pin."""
     return Pin(delta, epsilon, model.beta, tuple((each.name, model.numbers[each.name]) for each in model.added))
 
 
 def numbered(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
-    """The points of those pins that are of this model, by their numbers, from 1."""
+    """Return the points of those pins that are of this model, by their numbers, from 1."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
 
@@ -94,12 +94,12 @@ class Chosen:
 
     @property
     def written(self) -> str:
-        """As an address has it."""
+        """Text in an address."""
         return f"{self.variable},{self.index}"
 
     @classmethod
     def read(cls, text: str) -> Chosen:
-        """The map that is written so. Raises ValueError."""
+        """Return the map that is written so. Raises ValueError."""
         variable, _, index = text.partition(",")
         return cls(_word(variable), _index(index or "0"))
 
@@ -116,23 +116,25 @@ class Further:
 
     @property
     def written(self) -> str:
-        """As an address has it."""
+        """Text in an address."""
         parts = (self.survey, self.variable, str(self.index), str(self.slice), "minus" if self.minus else "")
         return ",".join(parts).rstrip(",")
 
     @classmethod
     def read(cls, text: str) -> Further:
-        """The map that is written so. Raises ValueError."""
+        """Return the map that is written so. Raises ValueError."""
         survey, variable, index, number, *minus = text.split(",")
         return cls(_word(survey), _word(variable), _index(index), _index(number), minus == ["minus"])
 
 
 @dataclass(frozen=True)
 class View:
-    """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and
-    `machine` is there where the point is that of a machine which was entered. share: P(quiet) of the design limit.
-    profile: of which map there is one above the diagram, None for the map that is shown. pins: points that are
-    compared. family: the number of the one whose cells are shown, the others dimmed.
+    """State of a page, as its address has it.
+
+    Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and `machine` is there where
+    the point is that of a machine which was entered. share: P(quiet) of the design limit. profile: of which map there
+    is one above the diagram, None for the map that is shown. pins: points that are compared. family: the number of the
+    one whose cells are shown, the others dimmed.
 
     No theme is that of the viewer's system.
     """
@@ -159,7 +161,7 @@ class View:
 
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
-        """The view that a query describes; what cannot be read is left at its default."""
+        """Return the view that a query describes; what cannot be read is left at its default."""
         text = {name: values[0].decode("utf-8", "replace")[:LONGEST] for name, values in query.items() if values}
 
         def read(name: str, reader: Callable[[str], T], default: T) -> T:
@@ -196,7 +198,7 @@ class View:
         )
 
     def query(self) -> str:
-        """The query that describes this view, with ? before it; empty if all is as by default."""
+        """Return the query that describes this view, with ? before it; empty if all is as by default."""
         pairs: dict[str, str] = {"survey": self.survey, "variable": self.variable}
         pairs["index"] = str(self.index) if self.index else ""
         pairs["slice"] = str(self.slice) if self.slice else ""

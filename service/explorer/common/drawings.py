@@ -14,8 +14,9 @@ Show = Callable[[], object]
 
 
 class Drawings:
-    """One at a time: its thread would go on if it was given up. What is wanted meanwhile is drawn after it, only the
-    newest, and of a survey that runs not before a pause.
+    """One at a time: its thread would go on if it was given up.
+
+    What is wanted meanwhile is drawn after it, only the newest, and of a survey that runs not before a pause.
     """
 
     def __init__(self, viewer: Viewer) -> None:
@@ -27,8 +28,9 @@ class Drawings:
         self._task: asyncio.Task[None] | None = None
 
     def want(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], Awaitable[Show]]) -> None:
-        """Draw this of these surveys, unless it is drawn or is being drawn. What `draw` returns shows it, and is called
-        only while the same is wanted, if of fewer cells.
+        """Draw this of these surveys, unless it is drawn or is being drawn.
+
+        What `draw` returns shows it, and is called only while the same is wanted, if of fewer cells.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
         self._draw, self._pause = draw, 0.0 if all(State(job.state).final for job in jobs) else PAUSE

@@ -1,4 +1,4 @@
-"""What the pictures of one parameter point have in common: figures in a light or a dark theme."""
+"""Draw the pictures of one parameter point: figures in a light or a dark theme."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PRINTED = "@media print { :host { display: block !important; } }"
 BESIDE = 62  # pixels left of pictures that stand one above the other, with one axis
 
 
-def new_figure(
+def themed_figure(
     name: str,
     theme: str,
     x: str,
@@ -24,7 +24,7 @@ def new_figure(
     x_range: Limits | Range1d | None = None,
     y_range: Limits | None = None,
 ) -> Any:
-    """An empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
+    """Return an empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
     ink, paper, line = INK[theme]
     spans = {"x_range": x_range, "y_range": y_range}
     ranges: dict[str, Any] = {
@@ -61,5 +61,5 @@ def new_figure(
 
 
 def ink_of(theme: str) -> str:
-    """The colour of lines and text."""
+    """Return the colour of lines and text."""
     return INK[theme][0]

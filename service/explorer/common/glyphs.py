@@ -37,7 +37,7 @@ POINT = ("x", "y", "marker", "name", "align", "dx", "dy")
 
 @dataclass(frozen=True)
 class Scale:
-    """What draws values on a linear or a logarithmic scale of colours: a glyph takes no other mapper later."""
+    """Glyphs of values on a linear or a logarithmic scale of colours: a glyph takes no other mapper later."""
 
     mapper: Any
     cells: Any
@@ -58,7 +58,7 @@ def share(renderers: Sequence[Any]) -> None:
         renderer.data_source.selection_policy = policy
 
 
-def empty(source: ColumnDataSource) -> None:
+def clear(source: ColumnDataSource) -> None:
     """Take the rows away, if there are any."""
     if any(len(column) for column in source.data.values()):
         source.data = {name: [] for name in source.data}
@@ -71,30 +71,30 @@ def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
-def image(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
-    """A renderer of images below everything else."""
+def image_glyph(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
+    """Return a renderer of images below everything else."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
     return _rendered(source, glyph, level="image", **named)
 
 
 def clear_mapper() -> Any:
-    """A mapper from numbers to colours, the first of which is none."""
+    """Return a mapper from numbers to colours, the first of which is none."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
 
 
 def veil(source: ColumnDataSource, paper: str) -> Any:
     """Covers with the colour of the paper, not wholly, what is 1 of an image."""
     mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
-    return image(source, mapper, name="veil")
+    return image_glyph(source, mapper, name="veil")
 
 
 def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """The linear scale, and the logarithmic one under True."""
+    """Return the linear scale, and the logarithmic one under True."""
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
         cells, finer = (
-            image(source, mapper, visible=False, name=f"{name}{log:d}")
+            image_glyph(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
         numbers = CustomJSTickFormatter(code=asset("bar_ticks.js"))
@@ -105,8 +105,8 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
     return found
 
 
-def beyond(ink: str) -> tuple[Any, Any]:
-    """Marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
+def beyond_marks(ink: str) -> tuple[Any, Any]:
+    """Return marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
     return _at_bar("▼", "bottom", -BAR_PADDING, "top", ink), _at_bar("▲", "top", BAR_PADDING, "bottom", ink)
 
 
@@ -120,7 +120,7 @@ def _at_bar(text: str, edge: Any, offset: int, baseline: Any, ink: str) -> Any:
 
 
 def line(source: ColumnDataSource, name: str) -> list[Any]:
-    """A line in its style, with a white edge."""
+    """Return a line in its style, with a white edge."""
     colour, dash = style_of(name)
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
     halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
@@ -129,7 +129,7 @@ def line(source: ColumnDataSource, name: str) -> list[Any]:
 
 
 def points(source: ColumnDataSource) -> list[Any]:
-    """Marks with names beside them."""
+    """Return marks with names beside them."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
     box: dict[str, Any] = {"padding": 2, "border_radius": 3}
     names = Text(
@@ -150,13 +150,13 @@ def names(source: ColumnDataSource) -> Any:
 
 
 def band(source: ColumnDataSource) -> Any:
-    """Where the design limit is between."""
+    """Return the band that holds the design limit."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
     return _rendered(source, area, name=BAND_NAME)
 
 
 def outline(source: ColumnDataSource) -> list[Any]:
-    """A closed line with a white edge."""
+    """Return a closed line with a white edge."""
     strokes = (("white", 4.0, 0.8), (ELLIPSE, 2.0, 1.0))
     return [
         _rendered(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
@@ -165,17 +165,17 @@ def outline(source: ColumnDataSource) -> list[Any]:
 
 
 def cross(source: ColumnDataSource) -> list[Any]:
-    """A cross with a white edge."""
+    """Return a cross with a white edge."""
     return _edged(source, "cross", (26, "white", 5), (24, "#d40078", 2))
 
 
 def ring(source: ColumnDataSource) -> list[Any]:
-    """A ring with a white edge."""
+    """Return a ring with a white edge."""
     return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
 
 
 def pins(source: ColumnDataSource) -> list[Any]:
-    """Numbers in discs."""
+    """Return numbers in discs."""
     disc = Scatter(x="x", y="y", marker="circle", size=20, fill_color="white", line_color="black", line_width=1.5)
     number = Text(
         x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="12px",

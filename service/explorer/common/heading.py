@@ -1,4 +1,4 @@
-"""What a map shows, in a line above it, with what goes on there."""
+"""Describe a map in a line above it, with the work in progress there."""
 
 from __future__ import annotations
 

@@ -12,9 +12,10 @@ from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
 
 
-class SurveyList(JSComponent):
-    """The surveys; `chosen` is the id of one of them. `on_action` is called with what is to be done to which, and with
-    what a viewer has entered.
+class SurveyMenu(JSComponent):
+    """The surveys; `chosen` is the id of one of them.
+
+    `on_action` is called with what is to be done to which, and with what a viewer has entered.
     """
 
     rows = param.List(default=[])
@@ -37,7 +38,7 @@ class SurveyList(JSComponent):
 
 
 class Key(JSComponent):
-    """What colours and lines mean; `chosen` are the names of the lines that are drawn."""
+    """Meanings of colours and lines; `chosen` are the names of the lines that are drawn."""
 
     shades = param.List(default=[])
     overlays = param.List(default=[])

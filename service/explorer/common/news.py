@@ -23,7 +23,7 @@ WINDOW = 20.0  # seconds over which a speed is measured
 
 
 @dataclass(frozen=True)
-class Standing:
+class JobStatus:
     """A survey as a page shows it; rate in cells per second, left in seconds, None where they are not known."""
 
     job: JobRow
@@ -31,12 +31,12 @@ class Standing:
     left: float | None
 
 
-Listener = Callable[[Sequence[Standing]], None]
+Listener = Callable[[Sequence[JobStatus]], None]
 log = logging.getLogger(__name__)
 
 
 class News:
-    """Who listens is told where the surveys stand, in the event loop: soon, and whenever something has changed.
+    """Publish job status to listeners in the event loop: soon, and whenever it changes.
 
     Nobody is told what was read before they came: a page keeps to the survey that it finds first.
     """
@@ -70,6 +70,7 @@ class News:
         self._arrived.set()
 
     def leave(self, listener: Listener) -> None:
+        """Remove a listener."""
         self._listeners.discard(listener)
 
     async def _keep_up(self) -> None:
@@ -91,17 +92,17 @@ class News:
             with suppress(TimeoutError):  # who has just come is not kept waiting
                 await asyncio.wait_for(self._arrived.wait(), PAUSE)
 
-    def _standing(self, job: JobRow, now: float) -> Standing:
+    def _standing(self, job: JobRow, now: float) -> JobStatus:
         if job.state != State.RUNNING:
             self._past.pop(job.id, None)
-            return Standing(job, overall_rate(job), None)
+            return JobStatus(job, overall_rate(job), None)
         past = self._past.setdefault(job.id, [])
         past.append((now, job.cells_done))
         while len(past) > 2 and past[1][0] < now - WINDOW:
             past.pop(0)
         (began, before), (ended, after) = past[0], past[-1]
         rate = (after - before) / (ended - began) if ended > began and after > before else None
-        return Standing(job, rate, self._front.manager.seconds_left(job.id))
+        return JobStatus(job, rate, self._front.manager.seconds_left(job.id))
 
 
 def overall_rate(job: JobRow) -> float | None:

@@ -27,7 +27,7 @@ class Text:
 
     @property
     def html(self) -> str:
-        """What it says."""
+        """Text of the pane."""
         return str(self._model.text)
 
     @html.setter

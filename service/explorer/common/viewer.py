@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 
 
 class Viewer:
-    """Who looks at a page, and its document, which only the event loop may touch."""
+    """Viewer of a page, and its document, which only the event loop may touch."""
 
     def __init__(self, front: Front, caller: Caller | None, document: Document) -> None:
         self.front, self.document = front, document
@@ -42,11 +42,19 @@ class Viewer:
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:
-        """The caller, if it still may. Reads the database: for a thread.
+        """Return the caller, if it still may. Reads the database: for a thread.
 
-        Raises:
-            UnauthorizedError: its key was revoked, or there is none.
-            ForbiddenError: its key does not allow this.
+        Returns
+        -------
+        Caller
+            The caller.
+
+        Raises
+        ------
+        UnauthorizedError
+            Its key was revoked, or there is none.
+        ForbiddenError
+            Its key does not allow this.
         """
         if self._caller is None:
             raise UnauthorizedError("Sign in to see this page.")
@@ -63,22 +71,28 @@ class Viewer:
 
     @property
     def caller(self) -> Caller:
-        """Who opened the page, whether it still may or not."""
+        """Caller that opened the page, whether it still may or not."""
         return self._caller or Caller()
 
     @property
     def signed_in(self) -> bool:
-        """Whether a key is what lets this page in."""
+        """True if a key is the reason that this page is allowed."""
         return self._caller is not None and self._caller.key is not None
 
     def may_submit(self) -> bool:
+        """Return whether the caller may submit surveys."""
         return self._caller is not None and self._caller.may(Scope.SUBMIT)
 
     async def read(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
-        """What `work` returns, from a thread, if the caller may.
+        """Return the result of `work`, from a thread, if the caller may.
 
         A thread cannot be given up: it has its place until it ends. What is given up while it waits for one never
         begins.
+
+        Returns
+        -------
+        Result
+            The result.
         """
 
         def run() -> Result:
@@ -124,7 +138,7 @@ class Viewer:
         await change_and_wait(self.document, what)
 
     def end(self) -> None:
-        """The page was closed."""
+        """Release the page's resources once it is closed."""
         self.ended = True
         for task in tuple(self._tasks):
             task.cancel()

@@ -1,1 +1,1 @@
-"""What a designer gives and gets: a machine in SI units, tolerances, design limits, sounds."""
+"""Inputs and results of a designer: a machine in SI units, tolerances, design limits, sounds."""

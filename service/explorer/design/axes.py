@@ -1,5 +1,6 @@
-"""Axes of the map: tick labels for any width, down to 1e-9 and below; of a machine's survey speeds and eccentricities
-beside them.
+"""Axes of the map: tick labels for any width, down to 1e-9 and below.
+
+Of a machine's survey speeds and eccentricities beside them.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def dress(plot: figure) -> None:
         span.js_on_change("end", naming)
 
 
-class InSI:
+class AxesInSI:
     """Axes above the map and on its right, of speed and of eccentricity; hidden without a machine."""
 
     def __init__(self, plot: figure) -> None:
@@ -61,7 +62,7 @@ class InSI:
             axis.visible = machine is not None
 
 
-def show(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:
+def show_axes(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:
     """Set a window, and the label of its axis."""
     span.update(start=window[0], end=window[1])
     offset = offset_of(window)
@@ -79,6 +80,6 @@ def offset_of(window: Pair) -> tuple[float, int] | None:
 
 
 def written(value: float, window: Pair) -> str:
-    """A coordinate with the digits that tell points of this window apart on a screen."""
+    """Return a coordinate with the digits that tell points of this window apart on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"

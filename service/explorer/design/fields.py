@@ -17,9 +17,10 @@ DIGITS = 12  # of a number that was converted and back
 EXACT = "0[.][0000000000000000]"
 
 
-class Entry(NamedTuple):
-    """How a number of a machine is entered: what it is, its unit, how many of it the SI unit is, what is there at
-    first.
+class NumberEntry(NamedTuple):
+    """How a number of a machine is entered.
+
+    What it is, its unit, how many of it the SI unit is, what is there at first.
     """
 
     name: str
@@ -33,22 +34,22 @@ class Entry(NamedTuple):
         return f"{self.name}, {self.unit}"
 
     def entered(self, value: float) -> float:
-        """A number of the library in this unit."""
+        """Return a number of the library in this unit."""
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def meant(self, value: float | None) -> float | None:
-        """What is entered as the library has it: division rounds to what 100e-6 says of 100 µm."""
+        """Return an entered value in the library's form: division rounds to 100e-6 for 100 µm."""
         return None if value is None else value / self.per
 
 
 NUMBERS = {
-    "inertia": Entry("Inertia", "kg m²", 1.0, 0.003),
-    "drag": Entry("Drag", "N m s/rad", 1.0, 5e-4),
-    "backlash": Entry("Backlash", "µm", 1e6, 100.0),
-    "radius": Entry("Base radius", "mm", 1e3, 50.0),
-    "rpm": Entry("Speed", "rpm", 1.0, 3000.0),
-    "eccentricity": Entry("Eccentricity", "µm", 1e6, 15.0),
-    "stiffness": Entry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
+    "inertia": NumberEntry("Inertia", "kg m²", 1.0, 0.003),
+    "drag": NumberEntry("Drag", "N m s/rad", 1.0, 5e-4),
+    "backlash": NumberEntry("Backlash", "µm", 1e6, 100.0),
+    "radius": NumberEntry("Base radius", "mm", 1e3, 50.0),
+    "rpm": NumberEntry("Speed", "rpm", 1.0, 3000.0),
+    "eccentricity": NumberEntry("Eccentricity", "µm", 1e6, 15.0),
+    "stiffness": NumberEntry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
 }
 EQUAL = "<p class=faint>Two equal gears: each of them has this inertia, drag and base radius.</p>"
 PAIR = ("inertia", "drag", "backlash", "radius")  # of every machine of a survey
@@ -56,12 +57,20 @@ POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
 
 
 def in_unit(name: str, value: float) -> str:
-    """A number of a machine in its unit, for people."""
+    """Return a number of a machine in its unit, for people."""
     return f"{NUMBERS[name].entered(value):.6g}"
 
 
 def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
-    """The speeds and eccentricities of a window of the plane, each (low, high): what is fast has little damping."""
+    """Return the speeds and eccentricities of a window of the plane, each (low, high).
+
+    High speed means little damping.
+
+    Returns
+    -------
+    dict[str, Pair]
+        Ranges by name.
+    """
     return {
         "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
         "eccentricity": (float(machine.eccentricity(epsilon[0])), float(machine.eccentricity(epsilon[1]))),
@@ -69,7 +78,7 @@ def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, 
 
 
 def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) -> Machine | None:
-    """The machine of a survey at a point; None without one, or where nothing turns so fast."""
+    """Return the machine of a survey at a point; None without one, or where nothing turns so fast."""
     if machine is None:
         return None
     try:
@@ -79,7 +88,15 @@ def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) ->
 
 
 def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """The pair of gears of a point at another one; None without one, or where a stiffness would be another one."""
+    """Return the pair of gears of a point at another one.
+
+    None without one, or where a stiffness would be another one.
+
+    Returns
+    -------
+    Machine | None
+        The machine, or None.
+    """
     if machine is None or (machine.stiffness is not None and delta != machine.delta):
         return None
     speed, eccentricity = machine.speed * machine.delta / delta, epsilon * machine.units.length
@@ -105,7 +122,7 @@ class MachineFields:
         self.panel = pn.Column(about, *rows, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
-        """What is entered, as `rattle.Machine` and requests take it; nothing of what is empty and need not be given."""
+        """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are omitted."""
         numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
         return {name: value for name, value in numbers.items() if name != "stiffness" or value is not None} | {
             "drive": self._drive.value

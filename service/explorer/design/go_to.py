@@ -12,13 +12,15 @@ from gear_rattle.service.explorer.common.address import Entered
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.design.fields import EXACT, POINT, MachineFields
-from gear_rattle.service.explorer.design.places import Place, places
+from gear_rattle.service.explorer.design.places import Bookmark, places
 from rattle import RattleError
 
 
 class GoTo:
-    """The names, and a button that opens the fields, which are made then; `on_point` gets (δ, ε), `on_machine` a
-    machine, and `on_place` a place, of which it says why it cannot be shown, if so.
+    """The names, and a button that opens the fields, which are made then.
+
+    `on_point` gets (δ, ε), `on_machine` a machine, and `on_place` a place, of which it says why it cannot be shown, if
+    so.
     """
 
     def __init__(
@@ -26,7 +28,7 @@ class GoTo:
         sheet: str,
         on_point: Callable[[float, float], None],
         on_machine: Callable[[Entered], None],
-        on_place: Callable[[Place], str],
+        on_place: Callable[[Bookmark], str],
     ) -> None:
         self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
         options = {"choose one …": ""} | places()
@@ -63,7 +65,7 @@ class GoTo:
     def _made(self) -> pn.Column:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [self._sheet]}
         ways = {"damping δ, eccentricity ε": False, "a machine in SI units": True}
-        self._in_si = pn.widgets.Select(label="Given", options=ways, **style)
+        self._in_si = pn.widgets.Select(label="Enter as", options=ways, **style)
         self._delta = pn.widgets.FloatInput(label="δ", value=0.6, start=0.0, format=EXACT, **style)
         self._epsilon = pn.widgets.FloatInput(label="ε", value=0.1, start=0.0, format=EXACT, **style)
         plain = pn.Row(self._delta, self._epsilon, sizing_mode="stretch_width")

@@ -22,7 +22,7 @@ SPAN = "span"
 
 
 @dataclass(frozen=True)
-class Place:
+class Bookmark:
     """A window, and a point that is open there with what its view shows, if there is one."""
 
     window: Ranges
@@ -30,24 +30,24 @@ class Place:
     state: Mapping[str, str] = field(default_factory=dict)
 
 
-def places() -> dict[str, Place]:
-    """All of them, by name."""
+def places() -> dict[str, Bookmark]:
+    """Return all of them, by name."""
     return dict(_places())
 
 
-def _places() -> Iterator[tuple[str, Place]]:
+def _places() -> Iterator[tuple[str, Bookmark]]:
     for name, (delta, epsilon) in CORNERS.items():
         wide, high = EITHER_WAY
-        yield name, Place(((delta - wide, delta + wide), (epsilon - high, epsilon + high)))
+        yield name, Bookmark(((delta - wide, delta + wide), (epsilon - high, epsilon + high)))
     for name, point in CRISES.items():
-        yield f"The crisis at δ = {name}", Place(FIGURE_7, point)
+        yield f"The crisis at δ = {name}", Bookmark(FIGURE_7, point)
     delta, several = FIGURE_4
     for epsilon in several:
-        yield f"Figure 4: basins at ε = {epsilon:g}", Place(FIGURE_7, (delta, epsilon))
+        yield f"Figure 4: basins at ε = {epsilon:g}", Bookmark(FIGURE_7, (delta, epsilon))
     for name, (delta, (low, high)) in {"5": FIGURE_5, "9": FIGURE_9}.items():
         middle = (low + high) / 2
-        diagram = Place(FIGURE_7 if name == "5" else FIGURE_8, (delta, middle), {SPAN: f"{(high - low) / 2:.12g}"})
+        diagram = Bookmark(FIGURE_7 if name == "5" else FIGURE_8, (delta, middle), {SPAN: f"{(high - low) / 2:.12g}"})
         yield f"Figure {name}: diagram at δ = {delta:g}", diagram
-    yield "Figure 6: manifolds", Place(FIGURE_7, FIGURE_6)
-    yield "Figure 7: the plane", Place(FIGURE_7)
-    yield "Figure 8: about COD21 and COD22", Place(FIGURE_8)
+    yield "Figure 6: manifolds", Bookmark(FIGURE_7, FIGURE_6)
+    yield "Figure 7: the plane", Bookmark(FIGURE_7)
+    yield "Figure 8: about COD21 and COD22", Bookmark(FIGURE_8)

@@ -13,8 +13,8 @@ HIGHEST = 24.0  # order of a spectrum
 SECONDS, RATE = 3.0, 22050  # of a sound
 
 
-def intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
-    """The intensity of each attractor, None of one that cannot be followed; undecided ones have NaN."""
+def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
+    """Return the intensity of each attractor, None of one that cannot be followed; undecided ones have NaN."""
     return tuple(_intensity(gear, each) for each in attractors)
 
 
@@ -25,20 +25,20 @@ def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity |
         return None
 
 
-def spectrum(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
+def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
     """Lines of a periodic or quiet motion, the density of a chaotic one. Raises RattleError if it is undecided."""
     return gear.spectrum(attractor, HIGHEST)
 
 
-def sound(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
-    """The motion as a WAV file, its loudest sample as loud as can be; silence if it is quiet."""
+def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
+    """Return the motion as a WAV file, its loudest sample at full volume; silence if it is quiet."""
     return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
 
 
-def warm_up(gear: AnyGear) -> None:
+def warm_up_sounds(gear: AnyGear) -> None:
     """Load their kernels."""
     found = gear.attractors(16)
-    intensities(gear, found)
+    motion_intensities(gear, found)
     for each in found:
         if each.kind != "undecided":
             gear.spectrum(each, 1.0, 4)

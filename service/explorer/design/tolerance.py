@@ -20,8 +20,9 @@ LEAST = 0.1  # of the mean: the speed and the damping of a gear are cut off ther
 
 
 class Tolerance(NamedTuple):
-    """Standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m), and the least P(quiet) of a
-    gear that passes.
+    """Standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m).
+
+    And the least P(quiet) of a gear that passes.
     """
 
     first: float
@@ -30,15 +31,15 @@ class Tolerance(NamedTuple):
 
 
 class Yield(NamedTuple):
-    """What becomes of so many gears."""
+    """Results for so many gears."""
 
     gears: int
     quiet: Estimate
     passing: Estimate
 
 
-def outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
-    """The ellipse (k, 2) in (δ, ε) about a point; that of speed and eccentricity as it is in this plane."""
+def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
+    """Return the ellipse (k, 2) in (δ, ε) about a point; that of speed and eccentricity as it is in this plane."""
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
     first, second = widths.first * RADIUS * np.cos(angle), widths.second * RADIUS * np.sin(angle)
     if machine is None:
@@ -50,7 +51,7 @@ def outline(delta: float, epsilon: float, machine: Machine | None, widths: Toler
 
 
 def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
-    """The numbers of the gears as `rattle.population` takes them. Raises ParameterError."""
+    """Return the numbers of the gears as `rattle.population` takes them. Raises ParameterError."""
     if machine is None:
         others: dict[str, Any] = {**model_at(gear).numbers}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
@@ -68,7 +69,7 @@ def _varying(mean: float, width: float, low: float) -> Any:
 
 
 def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
-    """How many of the gears about a point run quietly and pass. Raises ParameterError."""
+    """Return how many of the gears about a point run quietly and pass. Raises ParameterError."""
     gears = model_at(gear).design_gears
     found = rattle.population(
         given_of(gear, machine, widths),
@@ -82,8 +83,8 @@ def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield
     return Yield(gears, found.quiet, found.passing)
 
 
-def in_words(found: Yield, share: float) -> str:
-    """A yield in two sentences."""
+def yield_in_words(found: Yield, share: float) -> str:
+    """Return a yield in two sentences."""
     return (
         f"Of {found.gears} gears with these tolerances {_percent(found.quiet)} of all runs are quiet, and "
         f"{_percent(found.passing)} of the gears pass: they run quietly with a probability of {share:g} at least "

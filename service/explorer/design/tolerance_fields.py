@@ -1,4 +1,4 @@
-"""Where a viewer gives the tolerances of a point."""
+"""Enter the tolerances of a point."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ToleranceFields:
         share.label = "Passes: P(quiet) ≥"
         self._widgets = first, second, share
         self._per = 1.0, 1.0
-        self._button = pn.widgets.Button(label="Ellipse and yield", **style)
+        self._button = pn.widgets.Button(label="Compute yield", **style)
         on_press(self._button, self._ask)
         self.said = Text("", *sheets, margin=(0, 4))
         heading = Text("<h2>Tolerances</h2>", *sheets, margin=(0, 4))

@@ -1,4 +1,4 @@
-"""What a survey tells of its families: which there are, and of one its shares, where it reaches, and where it ends."""
+"""Describe the families of a survey: their list, and of one its shares, its extent and its ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.words import number, percent
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, reading
@@ -38,14 +38,16 @@ class Extent:
 
     @property
     def state(self) -> dict[str, str]:
-        """What the view of the point in its middle keeps, to show the diagram along it."""
+        """State of the view of the point in its middle, which shows the diagram along it."""
         return {"direction": self.direction, "span": f"{self.either_way:.12g}"}
 
 
 @dataclass(frozen=True)
-class Family:
-    """What is known of one. of_plane, of_samples: shares of the cells, and of the samples of all cells. borders: pairs
-    of neighbouring cells of which one has it, by the curves that pass between them.
+class FamilyDescription:
+    """Description of one family. of_plane, of_samples.
+
+    Shares of the cells, and of the samples of all cells. borders: pairs of neighbouring cells of which one has it, by
+    the curves that pass between them.
     """
 
     name: str
@@ -63,31 +65,41 @@ class Stored(NamedTuple):
     table: xr.Dataset
 
 
-def stored(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
-    """What a store has of families, of this slice if there is a third axis. Blocks: for a thread.
+def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
+    """Return the families of a store, of this slice if there is a third axis.
 
-    Raises SurveyError: they are not there yet.
+    Blocks: for a thread.
+
+    Returns
+    -------
+    Stored
+        The stored families.
+
+    Raises
+    ------
+    SurveyError
+        : they are not there yet.
     """
     opened, along = partial(open_survey, place), request.along(number)
     return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
 
 
 def require_family(found: Stored, which: int) -> None:
-    """Raises SurveyError: there is no family of this number."""
+    """Raise SurveyError if there is no family of this number."""
     if which >= (size := found.table.sizes["family"]):
         raise SurveyError(
             f"There are families 0 to {size - 1} in this survey, and no {which}: leave it out of the address."
         )
 
 
-def listed(found: Stored) -> list[str]:
-    """What the first families are called. Blocks: for a thread."""
+def first_family_names(found: Stored) -> list[str]:
+    """Return the names of the first families. Blocks: for a thread."""
     with reading("the families"):
         return names_of(*found, MOST_LISTED)
 
 
-def family_of(found: Stored, plane: Plane, which: int) -> Family:
-    """What is known of a family that there is; plane: the map of its share. Blocks: for a thread."""
+def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
+    """Return the description of an existing family; plane: the map of its share. Blocks: for a thread."""
     with reading("the families"):
         names = names_of(*found, which + 1)
         here = found.table.isel(family=which)
@@ -97,7 +109,7 @@ def family_of(found: Stored, plane: Plane, which: int) -> Family:
     share, status = plane.whole()
     done = (status > 0) & (status != FAILED)
     extents = (_extent(share > 0, plane, "delta"), _extent(share > 0, plane, "epsilon"))
-    return Family(
+    return FamilyDescription(
         names[which],
         row,
         row["cells"] / max(int((status > 0).sum()), 1),
@@ -108,8 +120,14 @@ def family_of(found: Stored, plane: Plane, which: int) -> Family:
 
 
 def longest(there: np.ndarray) -> tuple[int, int, int]:
-    """The longest run of True in a row of (m, n): its row, its first column and the one after its last; the first one
-    of several, and an empty one if there is none.
+    """Return the longest run of True in a row of (m, n): its row, its first column and the one after its last.
+
+    The first one of several, and an empty one if there is none.
+
+    Returns
+    -------
+    tuple[int, int, int]
+        Row, first column, and the column after the last.
     """
     run = np.zeros(there.shape[0], np.int64)
     best = 0, 0, 0
@@ -121,7 +139,7 @@ def longest(there: np.ndarray) -> tuple[int, int, int]:
     return best
 
 
-def _extent(there: np.ndarray, plane: Plane, direction: str) -> Extent | None:
+def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
     along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
     line, first, end = longest(there if direction == "delta" else there.T)
     if end == first:
@@ -136,7 +154,7 @@ def _extent(there: np.ndarray, plane: Plane, direction: str) -> Extent | None:
     )
 
 
-def in_words(found: Family, model: Model) -> str:
+def family_in_words(found: FamilyDescription, model: Model) -> str:
     """HTML of what is known of a family."""
     row = found.row
     if not row["cells"]:
@@ -156,8 +174,8 @@ def in_words(found: Family, model: Model) -> str:
     return f"<p>{' '.join(said)}</p>"
 
 
-def _borders(found: Family, model: Model) -> list[str]:
-    """Where it is born, and where it ends."""
+def _borders(found: FamilyDescription, model: Model) -> list[str]:
+    """Return the borders at which it is born, and at which it ends."""
     edges = int(found.row["edges"])
     if not edges:
         return ["No other cell is beside its cells."]

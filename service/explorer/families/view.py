@@ -19,14 +19,14 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.families.told import (
     Extent,
-    Family,
-    family_of,
-    in_words,
-    listed,
+    FamilyDescription,
+    family_description,
+    family_in_words,
+    first_family_names,
     require_family,
-    stored,
+    stored_families,
 )
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.workers import Group, SurveyError, SurveyRequest
@@ -38,18 +38,20 @@ NO_NUMBERS = "The families of this survey are known when it is computed."
 ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
-class Known(NamedTuple):
-    """What is read of a survey, whatever its window: names of its families, and of the one that is chosen all that is
-    told, with its share in every cell; why: there is none of this number.
+class FamilyMaps(NamedTuple):
+    """Families read from a survey, whatever its window.
+
+    Names of its families, and of the one that is chosen all that is told, with its share in every cell; why: there is
+    none of this number.
     """
 
     names: list[str]
-    family: Family | None = None
-    plane: Plane | None = None
+    family: FamilyDescription | None = None
+    plane: MapPlane | None = None
     why: str = ""
 
 
-class Families:
+class FamiliesView:
     """`which` chooses one, of a survey that has families, and `panel` tells of it; `first` gives the map."""
 
     def __init__(self, shared: Shared, viewer: Viewer, sheet: str, first: Callable[[], MapView]) -> None:
@@ -69,7 +71,7 @@ class Families:
         self._extents: dict[str, Extent] = {}
         self._drawings = Drawings(viewer)
         self._of: tuple[str, int, int | None] = ("", 0, None)  # survey, slice, family
-        self._known: tuple[tuple[Any, ...], Known] | None = None
+        self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
 
     def follow(self, view: View, job: JobRow | None) -> None:
         """Show what belongs to this view; job: of its survey, None without any."""
@@ -89,7 +91,7 @@ class Families:
         self._drawings.want(wanted, [job], partial(self._draw, view, job, window))
 
     def end(self) -> None:
-        """The page was closed."""
+        """Release the resources of a closed page."""
         self._drawings.stop()
 
     async def _draw(self, view: View, job: JobRow, window: Ranges | None) -> Show:
@@ -99,7 +101,7 @@ class Families:
         key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
-        def read() -> tuple[Known, Block | None]:
+        def read() -> tuple[FamilyMaps, MapBlock | None]:
             known = before or self._read(view, job)
             if known.plane is None:
                 return known, None
@@ -114,22 +116,22 @@ class Families:
         self._known = key, known
         return partial(self._show, view.family, known, seen)
 
-    def _read(self, view: View, job: JobRow) -> Known:
+    def _read(self, view: View, job: JobRow) -> FamilyMaps:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
             raise MissingError(NO_NUMBERS)
-        found = stored(place, SurveyRequest.model_validate(job.request), view.slice)
-        names = listed(found)
+        found = stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
+        names = first_family_names(found)
         if view.family is None:
-            return Known(names)
+            return FamilyMaps(names)
         try:
             require_family(found, view.family)
         except SurveyError as error:
-            return Known(names, why=str(error))
+            return FamilyMaps(names, why=str(error))
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
-        return Known(names, family_of(found, plane, view.family), plane)
+        return FamilyMaps(names, family_description(found, plane, view.family), plane)
 
-    def _show(self, number: int | None, known: Known, seen: Block | None) -> None:
+    def _show(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
         self.panel.visible = True
         if known.family is None or seen is None:
@@ -143,7 +145,7 @@ class Families:
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():
             button.visible = name in self._extents
-        self._said.html = in_words(known.family, first.model)
+        self._said.html = family_in_words(known.family, first.model)
 
     def _offer(self, options: dict[str, str], number: int | None) -> None:
         value = "" if number is None else str(number)

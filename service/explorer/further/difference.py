@@ -7,7 +7,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from gear_rattle.service.explorer.map.planes import Plane, cells_at
+from gear_rattle.service.explorer.map.planes import MapPlane, cells_at
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.look import LARGEST
@@ -21,7 +21,7 @@ SAME, OTHER = "the_same", "different"
 
 
 def require_small(request: SurveyRequest) -> None:
-    """Raises SurveyError: a survey has too many cells for a difference, which is held in memory."""
+    """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
             f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {size:,}: "
@@ -29,14 +29,15 @@ def require_small(request: SurveyRequest) -> None:
         )
 
 
-class Difference(Plane):
-    """What a map has more than another one, float32; of codes, whether they differ. NaN where either has no value,
-    status 0 where either is not computed or the other one does not reach.
+class Difference(MapPlane):
+    """Difference of two maps, float32; of codes, whether they differ.
+
+    NaN where either has no value, status 0 where either is not computed or the other one does not reach.
 
     `is_same_grid` says that both have the same cells; else each is compared with that of the other which it is in.
     """
 
-    def __init__(self, first: Plane, other: Plane) -> None:
+    def __init__(self, first: MapPlane, other: MapPlane) -> None:
         """Blocks: for a thread. `require_small` is for before they are read. Raises SurveyError: they have families."""
         if first.plane.name == LARGEST:
             raise SurveyError("The families of two surveys have numbers of their own: choose another map.")
@@ -66,5 +67,5 @@ class Difference(Plane):
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """All that the first survey has of the cell at a point. Blocks: for a thread."""
+        """Return all that the first survey has of the cell at a point. Blocks: for a thread."""
         return self._first.cell(delta, epsilon)

@@ -11,16 +11,17 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import MOST_FURTHER, Further, Pair, View
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.further.one import Around, FurtherMap, Uses
+from gear_rattle.service.explorer.further.one import Around, FurtherCallbacks, FurtherMap
 from gear_rattle.service.explorer.further.surveys import surveys_of
-from gear_rattle.service.explorer.map.planes import names_of
+from gear_rattle.service.explorer.map.planes import map_names
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.map.view import MapView
 
 
 class FurtherMaps:
-    """`places` are where they are shown, `add` is the button for another one; `map` gives the first map, which keeps
-    what is chosen in its view.
+    """`places` are where they are shown, `add` is the button for another one.
+
+    `map` gives the first map, which keeps what is chosen in its view.
     """
 
     def __init__(self, shared: Shared, viewer: Viewer, theme: str, sheet: str, first: Callable[[], MapView]) -> None:
@@ -30,7 +31,11 @@ class FurtherMaps:
         self._surveys: Mapping[str, str] = {}
         self.places = [pn.Column(sizing_mode="stretch_both", margin=0) for _ in range(MOST_FURTHER)]
         self.add = pn.widgets.Button(
-            label="Map beside", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 8, 2, 0), visible=False
+            label="Add a second map",
+            css_classes=["beside-map"],
+            stylesheets=[sheet],
+            margin=(2, 8, 2, 0),
+            visible=False,
         )
         on_press(self.add, self._add)
 
@@ -52,7 +57,7 @@ class FurtherMaps:
     def _made(self, i: int, place: pn.Column) -> FurtherMap:
         if i not in self._maps:
             first = self._first()
-            uses = Uses(first.open_point, first.through, first.point_at, first.moved, first.reset)
+            uses = FurtherCallbacks(first.open_point, first.through, first.point_at, first.moved, first.reset)
             change = partial(self._change, i)
             self._maps[i] = FurtherMap(
                 self._shared, self._viewer, self._theme, self._sheet, first.map, i + 2, uses, change
@@ -76,13 +81,13 @@ class FurtherMaps:
         first = self._first()
         if first.request is None or len(first.view.further) >= MOST_FURTHER:
             return
-        names = list(names_of(first.request).values())
+        names = list(map_names(first.request).values())
         shown = {(first.view.variable, first.view.index)} | {(each.variable, each.index) for each in first.view.further}
         free = [each for each in names if (each.variable, each.index) not in shown] or names
         added = Further(first.view.survey, free[0].variable, free[0].index, first.view.slice)
         first.keep(further=(*first.view.further, added))
 
     def end(self) -> None:
-        """The page was closed."""
+        """Release the resources of a closed page."""
         for each in self._maps.values():
             each.end()

@@ -19,16 +19,15 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
-from gear_rattle.service.explorer.further.surveys import request_of
+from gear_rattle.service.explorer.further.surveys import request_of_job
 from gear_rattle.service.explorer.map.closer import Closer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
-from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, pieces_of, points_in
 from gear_rattle.service.explorer.map.picture import AsSeen, links, picture_query
-from gear_rattle.service.explorer.map.planes import Block, Plane, names_of
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.kernels import Part
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import POINTS
 from rattle import RattleError
@@ -42,7 +41,7 @@ MINUS = "first map less this one"
 
 @dataclass(frozen=True)
 class Around:
-    """What the first map shows, and the surveys that there are; surveys: as they are chosen, see `surveys_of`."""
+    """Surroundings of a comparison map: the first map, and the surveys, as they are chosen (see `surveys_of`)."""
 
     view: View
     window: Ranges
@@ -51,8 +50,8 @@ class Around:
 
 
 @dataclass(frozen=True)
-class Uses:
-    """What the first map does when this one is used."""
+class FurtherCallbacks:
+    """Reactions of the first map when a comparison map is used."""
 
     point: Callable[[float, float], None]
     through: Callable[[float, float], None]
@@ -70,13 +69,13 @@ class FurtherMap:
         viewer: Viewer,
         theme: str,
         sheet: str,
-        first: Map,
+        first: MapFigure,
         number: int,
-        uses: Uses,
+        uses: FurtherCallbacks,
         change: Callable[[Further | None], None],
     ) -> None:
         self._shared, self._viewer, self._change = shared, viewer, change
-        self.map = Map(
+        self.map = MapFigure(
             theme, uses.point, uses.through, uses.pointer, uses.window, uses.reset, first, f"further{number}"
         )
         self._closer = Closer(shared.overlaid.windows, viewer, self.map, self._say, self._count)
@@ -99,7 +98,7 @@ class FurtherMap:
             choices, self._title.pane, plot, self._key.pane, self._links.pane, self._said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._plane: Plane | None = None
+        self._plane: MapPlane | None = None
         self._further: Further | None = None  # what it is of
         self._around: Around | None = None
         self._drawings = Drawings(viewer)
@@ -140,9 +139,17 @@ class FurtherMap:
             task.cancel()
 
     def _offer(self, further: Further, around: Around, job: JobRow) -> Further:
-        """The surveys and the maps that there are to choose from; what is shown where a survey has no such map."""
-        request = request_of(job)
-        maps, number = names_of(request), sum(request.along(further.slice))
+        """Offer the surveys and the maps to choose from.
+
+        Return the choice, another one where a survey has no such map.
+
+        Returns
+        -------
+        Further
+            The choice.
+        """
+        request = request_of_job(job)
+        maps, number = map_names(request), sum(request.along(further.slice))
         chosen = Chosen(further.variable, further.index)
         if chosen not in maps.values():
             chosen = next(iter(maps.values()))
@@ -159,13 +166,13 @@ class FurtherMap:
         self._change(Further(survey, chosen.variable, chosen.index, int(number), bool(self._minus.value)))
 
     async def _draw(self, further: Further, view: View, job: JobRow, first: JobRow | None = None) -> Show:
-        def read() -> tuple[Plane, Block, Colouring]:
+        def read() -> tuple[MapPlane, MapBlock, Colouring]:
             if first is not None:
                 for each in (first, job):
-                    require_small(request_of(each))
+                    require_small(request_of_job(each))
                 wanted = view.variable, view.index
                 other = self._shared.plane(job, *wanted, further.slice)
-                plane: Plane = Difference(self._shared.plane(first, *wanted, view.slice), other)
+                plane: MapPlane = Difference(self._shared.plane(first, *wanted, view.slice), other)
             else:
                 plane = self._shared.plane(job, further.variable, further.index, further.slice)
             block = plane.block(room=self.map.pixels)
@@ -181,7 +188,7 @@ class FurtherMap:
             other = plane is not self._plane
             self._plane, self._colours, self._further = plane, colours, further
             self.map.cells(block, colours)
-            self._title.show(escape(_titled(plane, colours, job, first, request_of(job))))
+            self._title.show(escape(_titled(plane, colours, job, first, request_of_job(job))))
             if other:
                 self._window = None
             else:
@@ -204,7 +211,7 @@ class FurtherMap:
         self._title.instead(why)
         self._key.html = self._said.html = self._links.html = ""
 
-    def _follow_window(self, plane: Plane) -> None:
+    def _follow_window(self, plane: MapPlane) -> None:
         assert self._further is not None
         assert self._around is not None
         view, window, model = self._around.view, self._around.window, plane.request.gear_model
@@ -223,7 +230,7 @@ class FurtherMap:
             self._stop(self._over)
             self._over = self._viewer.start(self._draw_lines(plane, view.overlays, window))
 
-    def _pictures(self, plane: Plane, first: View) -> str:
+    def _pictures(self, plane: MapPlane, first: View) -> str:
         """Links to this map as a picture, in HTML; a difference has none."""
         further, colours = self._further, self._colours
         if further is None or colours is None or self._around is None or isinstance(plane, Difference):
@@ -237,10 +244,10 @@ class FurtherMap:
         query = picture_query(request, shown, seen)
         return f"<p class=faint>Picture: {links(further.survey, further.variable, query)}</p>"
 
-    async def _draw_lines(self, plane: Plane, names: tuple[str, ...], window: Ranges) -> None:
-        """The lines of the first map, as they are of this one's gear."""
+    async def _draw_lines(self, plane: MapPlane, names: tuple[str, ...], window: Ranges) -> None:
+        """Draw the lines of the first map, as they are of this one's gear."""
         model = plane.request.gear_model
-        await self._shared.front.kernels.require(model.name, Part.CURVES, patience=float("inf"))
+        await self._shared.front.kernels.require(model.name, patience=float("inf"))
         for name in names:
             if name in model.curve_names and name not in WHOLE:
                 pieces, _ = await self._viewer.read(partial(pieces_of, name, model, *window))
@@ -259,8 +266,8 @@ class FurtherMap:
         if self._plane is not None and self._window is not None:
             self._reading = self._viewer.start(self._read(self._plane, at, self._window))
 
-    async def _read(self, plane: Plane, at: Pair, window: Ranges) -> None:
-        said = await self._viewer.read(lambda: in_words(plane, *at, window, self._closer.finer))
+    async def _read(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
+        said = await self._viewer.read(lambda: cell_in_words(plane, *at, window, self._closer.finer))
 
         def show() -> None:
             self._said.html = f"<p>{escape(said)}</p>"
@@ -271,7 +278,7 @@ class FurtherMap:
         self._viewer.change(lambda: self._title.progress(text))
 
     def _count(self) -> None:
-        """The shares of the key are those of what is seen."""
+        """Count the shares of the key, over the visible cells."""
         plane, seen, colours = self._plane, self._closer.seen, self._colours
         self._stop(self._counting)
         if plane is not None and seen is not None:
@@ -288,7 +295,7 @@ class FurtherMap:
         self._viewer.change(show)
 
 
-def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
+def _titled(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
     if not isinstance(plane, Difference) or first is None:  # the choices above tell the rest
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
@@ -299,7 +306,7 @@ def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None,
 
 
 def key_of(shades: tuple[Shade, ...]) -> str:
-    """What colours mean, in HTML."""
+    """Return the meaning of colours, in HTML."""
     entries = "".join(
         f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'
         f'border:1px solid var(--strong-line)" aria-hidden="true"></span> {escape(each.label)}'

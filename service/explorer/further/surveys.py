@@ -8,13 +8,13 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.workers import SurveyRequest
 
 
-def request_of(job: JobRow) -> SurveyRequest:
-    """What was asked for, of a survey that is readable."""
+def request_of_job(job: JobRow) -> SurveyRequest:
+    """Return the request of a readable survey."""
     return SurveyRequest.model_validate(job.request)
 
 
 def surveys_of(jobs: Mapping[str, JobRow]) -> dict[str, str]:
-    """The surveys that can be chosen, a slice each, by their names in words."""
+    """Return the surveys that can be chosen, a slice each, by their names in words."""
     surveys: dict[str, str] = {}
     for each in jobs.values():
         for name, number, words in _slices(each) if each.is_readable else []:
@@ -25,6 +25,6 @@ def surveys_of(jobs: Mapping[str, JobRow]) -> dict[str, str]:
 
 def _slices(job: JobRow) -> list[tuple[str, int, str]]:
     """Name, number and words of each slice of a survey, or of itself."""
-    thirds = request_of(job).third_axis
+    thirds = request_of_job(job).third_axis
     slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
     return [(job.called, number, words) for number, words in slices or [(0, "")]]

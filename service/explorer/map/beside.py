@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.go_to import GoTo
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import finer_value, readout
 from gear_rattle.service.explorer.point.panel import Above, PointPanel
 from gear_rattle.service.explorer.point.view import PointView
@@ -55,7 +55,7 @@ class Beside:
             stylesheets=[PRINTED],
         )  # fmt: skip
 
-    def read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
+    def read(self, plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float, window: Ranges) -> None:
         """Show what is known at a point, and no more what was asked for before."""
         self._give_up_reading()
         self._reading = self._viewer.start(self._read(plane, finer, delta, epsilon, window))
@@ -64,7 +64,9 @@ class Beside:
         if self._reading is not None:
             self._reading.cancel()
 
-    async def _read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
+    async def _read(
+        self, plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float, window: Ranges
+    ) -> None:
         model, here = plane.request.gear_model, finer_value(plane, finer, delta, epsilon)
         machine = plane.request.machine
         found = await self._viewer.read(

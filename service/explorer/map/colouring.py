@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from gear_rattle.service.explorer.common.address import Limits, Pair, Ranges
-from gear_rattle.service.explorer.map.planes import UNSEEN, Block, Plane, Room
+from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapPlane, Room
 from gear_rattle.workers.pictures.figure import region_places, widest_of
 from gear_rattle.workers.pictures.largest import OTHERS
 from gear_rattle.workers.pictures.look import LARGEST, limits_of, positive
@@ -58,33 +58,33 @@ class Colouring:
     beyond: Pair = (0.0, 0.0)  # shares of the values below and above what colours span
 
 
-def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
-    """Which cells have no value, and the colour for each reason."""
+def layers_of(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
+    """Return the cells without a value, and the colour for each reason."""
     variable = str(plane.plane.name)
     return valueless_layers(variable, block.values, block.status, without_value(plane.plane))
 
 
-def _share(block: Block, code: int, shown: np.ndarray, computed: int) -> float:
-    """Of the computed cells of the survey, also where several of them are drawn as one."""
+def _share(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
+    """Return a code's share of the computed cells, also where several of them are drawn as one."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
 
 
-def values_shown(plane: Plane, block: Block) -> np.ndarray:
-    """The values of a block; NaN where a cell has none."""
+def values_shown(plane: MapPlane, block: MapBlock) -> np.ndarray:
+    """Return the values of a block; NaN where a cell has none."""
     without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
     return np.where(without, np.float32(np.nan), block.values)
 
 
-def window_shown(plane: Plane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
-    """The values of the cells of a window, and where these are. Blocks: for a thread."""
+def window_shown(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
+    """Return the values of the cells of a window, and where these are. Blocks: for a thread."""
     block = plane.block(window, room)
     return values_shown(plane, block), block.box
 
 
-def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """The colours of a map, of which this is drawn in so much room. Blocks: for a thread."""
+def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
+    """Return the colours of a map, of which this is drawn in so much room. Blocks: for a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = layers_of(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
@@ -134,15 +134,15 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool, room
     )  # fmt: skip
 
 
-def _names(variable: str, block: Block, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """What is written on a map, and where: the names of regions, and of families on their largest pieces."""
+def _names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+    """Return the names written on a map, and their places: regions, and families on their largest pieces."""
     if variable == "region":
         return region_places(block.values, block.delta, block.epsilon)
     return family_places(block, labels, room) if variable == LARGEST else {}
 
 
-def family_places(block: Block, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Where the names of families are written, by their codes, in so much room: none over another one."""
+def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+    """Return the places of the names of families, by their codes, in so much room: none over another one."""
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
@@ -163,7 +163,7 @@ def family_places(block: Block, labels: Mapping[float, str], room: Room) -> dict
 
 
 def _short(label: str) -> str:
-    """The number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
+    """Return the number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
     number, is_numbered, name = label.partition(": ")
     return f"{number}: {name.split(' = ')[-1]}" if is_numbered else label
 

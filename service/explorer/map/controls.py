@@ -14,15 +14,16 @@ from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.workers import SurveyRequest
 from rattle.models import ADDED, BETA
 
-LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
+LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
 LETTERS = {each.name: each.symbol for each in (BETA, *ADDED.values())}
 UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
+NUMBERED = "Attractor no."
 
 
 @dataclass(frozen=True)
-class Uses:
-    """What is called when a viewer has used a control."""
+class ControlCallbacks:
+    """Functions called when a viewer has used a control."""
 
     variable: Callable[[], None]
     index: Callable[[], None]
@@ -35,10 +36,10 @@ class Uses:
 class Controls:
     """The widgets. To set them calls nobody."""
 
-    def __init__(self, sheet: str, log: bool, uses: Uses) -> None:
+    def __init__(self, sheet: str, log: bool, uses: ControlCallbacks) -> None:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self._index = pn.widgets.Select(label="Which", options=[], width=110, visible=False, **styled)
+        self._index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
         self._slice = pn.widgets.IntSlider(
             label="",
             start=0,
@@ -49,12 +50,12 @@ class Controls:
             **{**styled, "margin": (2, 16, 2, 0)},
         )
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
-        self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
+        self._rule = pn.widgets.Select(label="Colour range", options=options, width=180, **styled)
         self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
         self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
         chosen = [LOG] if log else []
         self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
-        save = pn.widgets.Button(label="Save window as survey", **styled, css_classes=["save"])
+        save = pn.widgets.Button(label="New survey from this view", **styled, css_classes=["save"])
         on_press(save, lambda: uses.save())
         self._watch = Watch()
         for widget, used in (
@@ -91,7 +92,15 @@ class Controls:
         return rule if rule in LIMITS else "auto"
 
     def limits(self, shown: Limits | Pair, colours: Colouring | None) -> Limits | Pair | None:
-        """What colours shall span, where they span this; None: nothing is shown whose limits could be taken over."""
+        """Return the range of colours where the map has this one.
+
+        None: nothing is shown whose limits could be taken over.
+
+        Returns
+        -------
+        Limits | Pair | None
+            The range, or None.
+        """
         if self.rule is not None:
             return self.rule
         if isinstance(shown, tuple) or colours is None:
@@ -100,7 +109,7 @@ class Controls:
 
     @property
     def log(self) -> bool:
-        """Whether colours are on a log scale."""
+        """True if colours are on a log scale."""
         return bool(self._log.value)
 
     @property
@@ -116,21 +125,22 @@ class Controls:
         return low, high
 
     def offer_variables(self, names: Iterable[str], chosen: str) -> None:
-        """The variables that a survey has."""
+        """Offer the variables of a survey."""
         with self._watch.paused():
             self._variable.options = {name.replace("_", " "): name for name in names}
             self._variable.value = chosen
 
     def offer_indices(self, names: Sequence[object], chosen: int) -> None:
-        """The indices of a variable, none if it has no such dimension."""
+        """Offer the indices of a variable, none if it has no such dimension."""
         with self._watch.paused():
             self._index.visible = bool(names)
+            self._index.label = "Orbit" if "A" in names else NUMBERED
             self._index.options = {str(name): number for number, name in enumerate(names)}
             if names:
                 self._index.value = chosen
 
     def offer_slices(self, request: SurveyRequest, chosen: int) -> None:
-        """The slices of a survey, none without a third axis."""
+        """Offer the slices of a survey, none without a third axis."""
         with self._watch.paused():
             self._slice.visible = bool(request.third)
             for name, axis in request.third_axis.items():
@@ -138,7 +148,7 @@ class Controls:
                 self._slice.param.update(end=axis.num - 1, value=chosen, label=label)
 
     def show_limits(self, limits: Limits | Pair, colours: Colouring | None) -> None:
-        """What colours span, where they are continuous."""
+        """Show the range of colours, where they are continuous."""
         continuous, own = colours is not None and not colours.categorical, isinstance(limits, tuple)
         with self._watch.paused():
             self._rule.value = OWN if own else limits

@@ -14,8 +14,8 @@ from bokeh.plotting import figure
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.map.planes import Plane
-from gear_rattle.service.explorer.point.state import point_of
+from gear_rattle.service.explorer.map.planes import MapPlane
+from gear_rattle.service.explorer.point.state import point_of_view
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
 STEPS = 40
@@ -37,16 +37,16 @@ class History:
         self._after: list[Ranges | None] = []
 
     def leave(self, window: Ranges | None) -> None:
-        """This window gives way to one that the viewer has chosen."""
+        """Remember this window when it gives way to one that the viewer has chosen."""
         self._before = [*self._before, window][-MOST_WINDOWS:]
         self._after = []
 
     def back(self, now: Ranges | None) -> Ranges | None:
-        """The window before this one; this one if there is none."""
+        """Return the window before this one; this one if there is none."""
         return self._turn(self._before, self._after, now)
 
     def forward(self, now: Ranges | None) -> Ranges | None:
-        """The window after this one, that `back` has left."""
+        """Return the window after this one, that `back` has left."""
         return self._turn(self._after, self._before, now)
 
     @staticmethod
@@ -58,7 +58,7 @@ class History:
 
 
 class Cursor:
-    """What the keys of one page do.
+    """Keyboard control of one page.
 
     `where` says what is shown: the map, its window and the point that is open; `look` is told of the cell that the keys
     have come to, `go` of a new window; `do` has the other words of keyboard.js.
@@ -68,7 +68,7 @@ class Cursor:
         self,
         document: Document,
         plot: figure,
-        where: Callable[[], tuple[Plane, Ranges, Pair | None] | None],
+        where: Callable[[], tuple[MapPlane, Ranges, Pair | None] | None],
         look: Callable[[Pair], None],
         go: Callable[[Ranges], None],
         do: Mapping[str, Callable[[Pair], None]],
@@ -92,10 +92,10 @@ class Cursor:
         if (shown := self._where()) is None:
             return
         plane, window, point = shown
-        at = self._at or point or middle(window)
+        at = self._at or point or window_middle(window)
         steps, words = new["steps"], new["word"]
         if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
-            at = stepped(plane, at, window, steps)
+            at = cursor_after_steps(plane, at, window, steps)
             self._go(following(window, at))
             self._stay(at)
         for word in words[:1]:
@@ -104,7 +104,7 @@ class Cursor:
                 self._stay(at)
             elif word in self._do:
                 self._do[word](at)
-            elif str(word).startswith(GO) and (named := point_of(str(word)[len(GO) :])) is not None:
+            elif str(word).startswith(GO) and (named := point_of_view(str(word)[len(GO) :])) is not None:
                 self._do["open"](named)
 
     def _stay(self, at: Pair) -> None:
@@ -112,14 +112,14 @@ class Cursor:
         self._look(at)
 
 
-def middle(window: Ranges) -> Pair:
-    """Where a cursor begins."""
+def window_middle(window: Ranges) -> Pair:
+    """Return the start of a cursor."""
     (left, right), (bottom, top) = window
     return (left + right) / 2, (bottom + top) / 2
 
 
-def stepped(plane: Plane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Where a cursor is after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
+def cursor_after_steps(plane: MapPlane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
+    """Return the cursor after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
     return (
         _along(plane.delta, at[0], window[0], steps[0], steps[2]),
         _along(plane.epsilon, at[1], window[1], steps[1], steps[3]),
@@ -136,7 +136,7 @@ def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> flo
 
 
 def following(window: Ranges, at: Pair) -> Ranges:
-    """The window, moved so that it holds the cursor, if it does not."""
+    """Return the window, moved so that it holds the cursor, if it does not."""
     delta, epsilon = (_following(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon
 
@@ -152,7 +152,7 @@ def _following(span: Pair, value: float) -> Pair:
 
 
 def zoomed(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """The window, narrower by a factor about the cursor; none wider than WIDEST times the survey."""
+    """Return the window, narrower by a factor about the cursor; none wider than WIDEST times the survey."""
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)
         for (low, high), value, (left, right) in zip(window, at, box, strict=True)

@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.theme import INK
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
-from gear_rattle.service.explorer.map.planes import UNSEEN, Block
+from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
@@ -35,9 +35,11 @@ BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
 
-class Map:
-    """The figure. `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε),
-    `on_window` a window or None for all. beside: the map whose window this one has.
+class MapFigure:
+    """The figure.
+
+    `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε), `on_window` a window
+    or None for all. beside: the map whose window this one has.
     """
 
     def __init__(
@@ -48,7 +50,7 @@ class Map:
         on_pointer: Callable[[float, float], None],
         on_window: Callable[[Pair, Pair], None],
         on_reset: Callable[[], None],
-        beside: Map | None = None,
+        beside: MapFigure | None = None,
         name: str = "map",
     ) -> None:
         spans = (beside.figure.x_range, beside.figure.y_range) if beside else _spans()
@@ -67,12 +69,12 @@ class Map:
         self.figure: Any = plot
         plot.name = name
         axes.dress(plot)
-        self._in_si = axes.InSI(plot)
+        self._in_si = axes.AxesInSI(plot)
         self._dress(theme)
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
         self._others = glyphs.source_of(glyphs.IMAGE)
         self._why_mapper = glyphs.clear_mapper()
-        self._why = glyphs.image(self._reasons, self._why_mapper)
+        self._why = glyphs.image_glyph(self._reasons, self._why_mapper)
         self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
@@ -102,7 +104,7 @@ class Map:
         glyphs.share(plot.renderers)
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
-        self._beyond = glyphs.beyond(INK[theme][0])
+        self._beyond = glyphs.beyond_marks(INK[theme][0])
         for mark in self._beyond:
             plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
         self._box: Ranges | None = None
@@ -158,18 +160,18 @@ class Map:
         self.figure.on_event(Reset, in_event_loop(lambda _event: on_reset()))
 
     def _is_inside(self, delta: float, epsilon: float) -> bool:
-        """Whether a point is on the map, and not beside it, where axes are."""
+        """Return whether a point is on the map, and not beside it, where axes are."""
         x, y = self.figure.x_range, self.figure.y_range
         return bool(x.start <= delta <= x.end and y.start <= epsilon <= y.end)
 
     def window(self, delta: Pair, epsilon: Pair) -> None:
         """Show this window."""
-        axes.show(self.figure.below[0], self.figure.x_range, axes.NAMES[0], delta)
-        axes.show(self.figure.left[0], self.figure.y_range, axes.NAMES[1], epsilon)
+        axes.show_axes(self.figure.below[0], self.figure.x_range, axes.NAMES[0], delta)
+        axes.show_axes(self.figure.left[0], self.figure.y_range, axes.NAMES[1], epsilon)
         self._hide_what_is_too_large(delta)
 
     def moved(self, delta: Pair) -> None:
-        """The viewer has moved to this range of δ."""
+        """Follow the viewer to this range of δ."""
         self._hide_what_is_too_large(delta)
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
@@ -184,7 +186,7 @@ class Map:
 
     @property
     def is_too_close(self) -> bool:
-        """Whether the cells of the survey are too large to be drawn."""
+        """True if the cells of the survey are too large to be drawn."""
         return not self._fits
 
     @property
@@ -195,7 +197,7 @@ class Map:
         except UnsetValueError:
             return UNSEEN
 
-    def cells(self, block: Block, colours: Colouring) -> None:
+    def cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey."""
         self._box, where = block.box, image_at(block.box)
         self._colour(colours)
@@ -212,7 +214,7 @@ class Map:
 
     def _show_frame(self) -> None:
         if self._frame is None:
-            glyphs.empty(self._fine)
+            glyphs.clear(self._fine)
             return
         values, box = self._frame
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
@@ -224,16 +226,18 @@ class Map:
 
     def no_veil(self) -> None:
         """Dim nothing."""
-        glyphs.empty(self._others)
+        glyphs.clear(self._others)
 
     def no_frame(self) -> None:
+        """Remove the frame."""
         self._frame = None
         self._show_frame()
 
     def no_cells(self) -> None:
+        """Remove the cells, and the frame."""
         self.no_frame()
         for source in (self._values, self._reasons, self._names):
-            glyphs.empty(source)
+            glyphs.clear(source)
         for scale in self._scales.values():
             scale.bar.visible = False
         for mark in self._beyond:
@@ -277,7 +281,7 @@ class Map:
     def no_lines(self) -> None:
         """Take all curves and points away."""
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
-            glyphs.empty(source)
+            glyphs.clear(source)
 
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""
@@ -305,7 +309,7 @@ class Map:
     def ellipse(self, points: np.ndarray | None) -> None:
         """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""
         if points is None:
-            glyphs.empty(self._ellipse)
+            glyphs.clear(self._ellipse)
         else:
             self._ellipse.data = {"x": points[:, 0], "y": points[:, 1]}
 
@@ -319,7 +323,7 @@ class Map:
 
 
 def _spans() -> tuple[Range1d, Range1d]:
-    """The plane of the paper."""
+    """Return the plane of the paper."""
     delta, epsilon = (
         Range1d(start=low, end=high, min_interval=axes.NARROWEST) for low, high in ((0.4, 1.0), (0.0, 0.3))
     )
@@ -328,13 +332,13 @@ def _spans() -> tuple[Range1d, Range1d]:
 
 def _put(source: ColumnDataSource, point: Pair | None) -> None:
     if point is None:
-        glyphs.empty(source)
+        glyphs.clear(source)
     else:
         source.data = {"x": [point[0]], "y": [point[1]]}
 
 
 def image_at(box: Ranges) -> dict[str, list[float]]:
-    """Where Bokeh puts an image that covers this."""
+    """Return the position of an image that covers this box, in Bokeh's terms."""
     (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}
 

@@ -18,12 +18,11 @@ from gear_rattle.service.explorer.common.lists import Key
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch
 from gear_rattle.service.explorer.map.colouring import Shade
-from gear_rattle.service.explorer.map.figure import Map
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced
+from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced_curve
 from rattle import RattleError
 from rattle.models import Capability, Model, lacking
 from rattle.plot import polyline
@@ -39,16 +38,17 @@ LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–
 WHOLE = frozenset({CRISIS, LIMIT})  # lines that no window changes
 
 
-class Lines:
-    """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off, or asks for
-    another design limit.
+class MapLines:
+    """The lines that may be drawn on a map.
+
+    `on_chosen` is called when the viewer switches some on or off, or asks for another design limit.
     """
 
     def __init__(
         self,
         overlaid: Overlaid,
         viewer: Viewer,
-        canvas: Map,
+        canvas: MapFigure,
         chosen: Sequence[str],
         share: float,
         on_chosen: Callable[[], None],
@@ -121,7 +121,7 @@ class Lines:
         self._map.no_lines()
 
     async def _line(self, name: str, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+        await self._viewer.front.kernels.require(model.name, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: points_in(model, window))
             self._viewer.change(lambda: self._map.points(points))
@@ -167,7 +167,7 @@ class Lines:
 
 
 def entries(model: Model) -> list[dict[str, Any]]:
-    """The overlays as the key of a map of this model lists them."""
+    """Return the overlays as the key of a map of this model lists them."""
     return [
         {
             "name": name,
@@ -202,13 +202,21 @@ def _not_of(model: Model) -> str:
 
 
 def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
+    """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
+
+    For a thread.
+
+    Returns
+    -------
+    tuple[list[np.ndarray], str]
+        Pieces, and the reason.
+    """
     if name not in model.curve_names:
         return [], _not_of(model)
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
-    curve = traced(name, model, window)
+    curve = traced_curve(name, model, window)
     if isinstance(curve, Missing):
         return [], curve.reason
     return split(polyline(curve)) if len(curve) else [], ""
@@ -224,13 +232,21 @@ def usual_lines(model: Model, window: Ranges) -> None:
 
 
 def split(line: np.ndarray) -> list[np.ndarray]:
-    """A line (k, 2) with NaN between its pieces, as a list of the pieces."""
+    """Return a line (k, 2) with NaN between its pieces, as a list of the pieces."""
     gaps = np.flatnonzero(np.isnan(line[:, 0]))
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
 def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
-    """The codimension-two points in a window: name, δ, ε. For a thread. The name of another one would reach into it."""
+    """Return the codimension-two points in a window: name, δ, ε.
+
+    For a thread. The name of another one would reach into it.
+
+    Returns
+    -------
+    list[tuple[str, float, float]]
+        Name, δ and ε of each.
+    """
     (left, right), (bottom, top) = window
     return [
         (point.name, point.delta, point.epsilon)

@@ -1,4 +1,4 @@
-"""What map.png, map.svg and map.pdf are asked for to be a map as it is seen."""
+"""Parameters of map.png, map.svg and map.pdf that draw a map as it is seen."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ FORMS = ("png", "svg", "pdf")
 
 
 class AsSeen(NamedTuple):
-    """What a view leaves to the page: what colours span, None of codes, whether in the logarithm, and of a window the
-    pixels that it has.
+    """Settings that a view leaves to the page.
+
+    What colours span, None of codes, whether in the logarithm, and of a window the pixels that it has.
     """
 
     limits: Pair | None
@@ -26,12 +27,12 @@ class AsSeen(NamedTuple):
 
     @classmethod
     def of(cls, colours: Colouring, pixels: Room | None) -> AsSeen:
-        """What is seen in these colours."""
+        """Return the settings of a map in these colours."""
         return cls(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
 def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = None) -> str:
-    """The query; seen: None where nothing is drawn yet."""
+    """Return the query; seen: None where nothing is drawn yet."""
     asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
     asked["slice"] = view.slice if any(thirds(request)) else None
     for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():
@@ -50,7 +51,7 @@ def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = Non
 
 
 def links(survey: str, variable: str, query: str) -> str:
-    """The pictures as links, in HTML; & of a query is escaped."""
+    """Return the pictures as links, in HTML; & of a query is escaped."""
     here, query = f"v1/surveys/{survey}/map", query.replace("&", "&amp;")
     return " ".join(
         f'<a href="{here}.{form}?{query}" download="{variable}.{form}">{form.upper()}</a>' for form in FORMS
@@ -58,5 +59,5 @@ def links(survey: str, variable: str, query: str) -> str:
 
 
 def thirds(request: dict[str, Any]) -> Iterator[str]:
-    """The name of the third axis of a request, if there is one."""
+    """Return the name of the third axis of a request, if there is one."""
     return (name for name in FIXED if isinstance(request.get(name), dict))

@@ -19,12 +19,12 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
+from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
-from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP, centres, halvings, levels_of
-from gear_rattle.workers.survey.levels.reduce import pooled
+from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_at
 from gear_rattle.workers.survey.values.schema import CELL, Group
@@ -40,11 +40,11 @@ UNSEEN: Room = (700, 550)  # of a map whose browser has not said it
 
 
 @dataclass(frozen=True)
-class Block:
+class MapBlock:
     """The cells of a map that are drawn: values float32 and status (epsilon, delta), and what they cover.
 
     Of more cells than there is room for, several are one, which shows what is rare among them. shares, without: of
-    `gear_rattle.workers.pictures.levels.Seen`.
+    `gear_rattle.workers.pictures.levels.DisplayedCells`.
     """
 
     delta: np.ndarray
@@ -56,12 +56,12 @@ class Block:
     without: float | None = None
 
     def at(self, delta: float, epsilon: float) -> float | None:
-        """The value at a point; None outside."""
+        """Return the value at a point; None outside."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         return None if j is None or i is None else float(self.values[i, j])
 
 
-class Plane:
+class MapPlane:
     """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
     is_kept = True  # in memory, all cells
@@ -98,7 +98,7 @@ class Plane:
             return True
 
     def _bands(self, fresh: set[int]) -> Iterator[list[int]]:
-        """These tiles, and where most of some rows of tiles are among them the rows: fewer and larger readings."""
+        """Yield these tiles by rows, and whole rows where most of their tiles are needed: fewer and larger readings."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
@@ -113,23 +113,31 @@ class Plane:
     def _read(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = numbers(with_periodic(self._dataset, self.plane[where], self._index))
+        self.values[where] = drawn_numbers(with_periodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
     def box(self) -> Ranges:
-        """What the cells cover."""
-        return box_of(self.delta, self.epsilon)
+        """Box that the cells cover."""
+        return box_of_cells(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
-        """Whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
+        """Return whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
-    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> Block:
-        """The cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon).
+    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> MapBlock:
+        """Return the cells in a window, or all, as they are drawn with so many pixels along (delta, epsilon).
 
-        anywhere: of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that
-        is kept.
+        Parameters
+        ----------
+        anywhere : bool
+            Of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that is
+            kept.
+
+        Returns
+        -------
+        Block
+            The block.
         """
         (j, end_j), (i, end_i) = (
             _within(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
@@ -139,18 +147,20 @@ class Plane:
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
         box = _covered(self.delta, across, columns), _covered(self.epsilon, along, rows)
-        return Block(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
+        return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
-    def _seen(self, part: Part) -> Seen:
+    def _seen(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return Seen(*self._cells(*part.at))
+            return DisplayedCells(*self._cells(*part.at))
         return of_cells(self.plane, *self._cells(*_cells_of(part)), part.level)
 
-    def _largest(self, part: Part) -> Seen:
+    def _largest(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return Seen(*self._cells(*part.at))
+            return DisplayedCells(*self._cells(*part.at))
         values, status = self._cells(*_cells_of(part))
-        return Seen(pooled(values, part.level.cells, np.fmax, np.nan), pooled(status, part.level.cells, np.maximum))
+        return DisplayedCells(
+            pooled_cells(values, part.level.cells, np.fmax, np.nan), pooled_cells(status, part.level.cells, np.maximum)
+        )
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         """Values and status of some cells."""
@@ -160,8 +170,8 @@ class Plane:
         """Values and status of all cells. Blocks: for a thread."""
         return self._cells(slice(None), slice(None))
 
-    def enlarged(self, window: Ranges) -> Block:
-        """A window that is far narrower than the survey, each point of it as the cell that it is in."""
+    def enlarged(self, window: Ranges) -> MapBlock:
+        """Return a window that is far narrower than the survey, each point of it as the cell that it is in."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
@@ -174,7 +184,7 @@ class Plane:
             i, j = i[i >= 0], j[j >= 0]
             found = self._cells(slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1))
             values[inside], status[inside] = (each[np.ix_(i - i[0], j - j[0])] for each in found)
-        return Block(delta, epsilon, values, status, window)
+        return MapBlock(delta, epsilon, values, status, window)
 
     def at(self, delta: float, epsilon: float) -> tuple[float, int] | None:
         """Value and status of the cell at a point; None outside of the survey."""
@@ -185,7 +195,7 @@ class Plane:
         return float(value[0, 0]), int(status[0, 0])
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """All that the survey has of the cell at a point, loaded; None outside of it. Blocks: for a thread."""
+        """Return all that the survey has of the cell at a point, loaded; None outside of it. Blocks: for a thread."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
@@ -197,7 +207,7 @@ class Plane:
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
 
-class LeveledPlane(Plane):
+class LeveledPlane(MapPlane):
     """A map of a survey that has ended and has levels: what is drawn is read when it is drawn."""
 
     is_kept = False
@@ -211,7 +221,7 @@ class LeveledPlane(Plane):
         """Nothing is new."""
         return True
 
-    def _seen(self, part: Part) -> Seen:
+    def _seen(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return super()._seen(part)
         return of_level(self.plane, self._level(part.level.path), self._index, part.level, part.at)
@@ -224,11 +234,11 @@ class LeveledPlane(Plane):
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         with reading(f"the map of {self.plane.name}"):
-            cells = numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
+            cells = drawn_numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
-def _cells_of(part: Part) -> tuple[slice, slice]:
+def _cells_of(part: LevelPart) -> tuple[slice, slice]:
     """Rows and columns of the survey's cells in a part of a level."""
     spans = zip(part.at, part.level.cells if part.level else (1, 1), strict=True)
     rows, columns = (slice(span.start * cells, span.stop * cells) for span, cells in spans)
@@ -236,7 +246,15 @@ def _cells_of(part: Part) -> tuple[slice, slice]:
 
 
 def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
-    """The first cell along an axis that lies in a span, and the one after the last; the nearest of an empty span."""
+    """Return the first cell along an axis that lies in a span, and the one after the last.
+
+    The nearest cell of an empty span.
+
+    Returns
+    -------
+    tuple[int, int]
+        Both numbers.
+    """
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     first, end = (int(each) for each in np.searchsorted(axis, (span[0] - half, span[1] + half)))
     first = min(first, axis.size - 1)
@@ -244,19 +262,19 @@ def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
 
 
 def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """What cells of a level cover, or of the map itself."""
+    """Return the range that cells of a level cover, or of the map itself."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
 def window_of(request: SurveyRequest) -> Ranges:
-    """What the cells of a plane that is asked for will cover."""
-    return box_of(request.delta.values(), request.epsilon.values())
+    """Return the box that the cells of a requested plane will cover."""
+    return box_of_cells(request.delta.values(), request.epsilon.values())
 
 
-def box_of(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
-    """What cells cover: half a cell more on each side."""
+def box_of_cells(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
+    """Return the box that cells cover: half a cell more on each side."""
     dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
     return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))
 
@@ -270,7 +288,7 @@ def _nearest(axis: np.ndarray, value: float) -> int | None:
 
 
 def cells_at(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Indices of the cells along an axis that hold values, −1 beyond the ends."""
+    """Return the indices of the cells along an axis that hold values, −1 beyond the ends."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
     return np.where((found >= 0) & (found < axis.size), found, -1)
@@ -282,15 +300,24 @@ class Atlas:
     def __init__(self, front: Front) -> None:
         self._front = front
         self._lock = threading.Lock()
-        self._planes: OrderedDict[Key, Plane] = OrderedDict()
+        self._planes: OrderedDict[Key, MapPlane] = OrderedDict()
 
-    def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[Plane, bool]:
-        """A map, of a third axis the one of this slice, and whether all that is there of it has been read; if not, ask
-        again. One of slots is read anew when the survey has ended: they may have been moved.
+    def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[MapPlane, bool]:
+        """Return a map, of a third axis the one of this slice, and whether all that is there of it has been read.
 
-        Raises:
-            MissingError: the survey has no numbers yet.
-            SurveyError: it has no such map, or cannot be read.
+        If not, ask again. One of slots is read anew when the survey has ended: they may have been moved.
+
+        Returns
+        -------
+        tuple[Plane, bool]
+            The map, and whether it is complete.
+
+        Raises
+        ------
+        MissingError
+            The survey has no numbers yet.
+        SurveyError
+            It has no such map, or cannot be read.
         """
         key = (job.id, variable, index, number, variable in IN_SLOTS and job.state == State.SUCCESSFUL)
         with self._lock:
@@ -305,13 +332,13 @@ class Atlas:
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
 
-    def _new(self, job: JobRow, variable: str) -> type[Plane]:
+    def _new(self, job: JobRow, variable: str) -> type[MapPlane]:
         """How a map of a survey is read."""
         if variable in (LARGEST, SHARE):  # which levels have not
-            return Plane
+            return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
-        return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else Plane
+        return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else MapPlane
 
     @property
     def _cells(self) -> int:
@@ -325,7 +352,15 @@ class Atlas:
 
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
-    """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
+    """Return the variables of a survey that are maps, in the order of the store.
+
+    Each with the names of its several maps.
+
+    Returns
+    -------
+    dict[str, Any]
+        Names by variable.
+    """
     from gear_rattle.workers.survey.values.quantities import held, labels_of
 
     joined = {LARGEST: WHICH} if Group.FAMILIES in request.quantities else {}
@@ -336,8 +371,8 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     } | joined
 
 
-def names_of(request: SurveyRequest) -> dict[str, Chosen]:
-    """The same one by one, by their names in words."""
+def map_names(request: SurveyRequest) -> dict[str, Chosen]:
+    """Return the same one by one, by their names in words."""
     named = {}
     for name, labels in maps_of(request).items():
         words = name.replace("_", " ")

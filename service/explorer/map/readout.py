@@ -13,7 +13,7 @@ import rattle
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.design.axes import written
 from gear_rattle.service.explorer.design.fields import NUMBERS, in_unit
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers import QUANTITIES
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
 from gear_rattle.workers.survey.families import FAMILY
@@ -21,7 +21,7 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import Model
-from rattle.plot import name_of
+from rattle.plot import legend_name
 
 Row = tuple[str, str]
 
@@ -35,8 +35,15 @@ def readout(
     here: Row | None = None,
     machine: SurveyedMachine | None = None,
 ) -> str:
-    """HTML of what is known at a point (δ, ε): its region, what a finer map shows `here`, and the cell of the survey
-    that it is in, if any; speed and eccentricity of a machine's survey.
+    """Return the HTML of a point (δ, ε).
+
+    Its region, the value of a finer map `here`, and the cell of the survey that it is in, if any; speed and
+    eccentricity of a machine's survey.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if machine is not None and delta > 0:
@@ -64,15 +71,15 @@ def readout(
 
 
 def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
-    """Of a cell that is outside of the window: how far from the point its numbers are."""
+    """Return how far from the point the numbers of a cell outside of the window are."""
     away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
     if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
         return ""
     return f"<p class=faint>Outside of this window: {away[0]:+.2g} in δ and {away[1]:+.2g} in ε from here.</p>"
 
 
-def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float) -> Row | None:
-    """What a finer map shows at a point: the map in words, and the value."""
+def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:
+    """Return the value of a finer map at a point: the map in words, and the value."""
     value = finer.at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
@@ -80,8 +87,8 @@ def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float)
     return f"{title_of(plane.plane)}, computed here", here
 
 
-def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges, finer: Block | None = None) -> str:
-    """Where a cell is, and what the map shows there: a sentence to be read out."""
+def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
+    """Return a cell's place and its value on the map: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
     if (here := finer_value(plane, finer, delta, epsilon)) is not None:
         return f"{place}: {', '.join(here)}"
@@ -119,7 +126,7 @@ def _attractors(cell: xr.Dataset) -> str:
         if kind == "none":
             continue
         label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
-        row = [name_of(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        row = [legend_name(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:

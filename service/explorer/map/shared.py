@@ -1,4 +1,4 @@
-"""What all pages of an application have in common."""
+"""State that all pages of an application share."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, 
 from gear_rattle.service.explorer.common.news import LISTED, News
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import usual_lines
-from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, maps_of, window_of
-from gear_rattle.service.kernels import Part
+from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of, window_of
 from gear_rattle.service.operations.overlaid import Overlaid
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
@@ -39,7 +38,7 @@ log = logging.getLogger(__name__)
 
 
 def in_closed_form(request: SurveyRequest, variable: str) -> bool:
-    """Whether a map of a survey is known before it is computed."""
+    """Return whether a map of a survey is known before it is computed."""
     if variable == LARGEST:
         return False
     found = map_quantity(variable, 0, request)
@@ -47,8 +46,14 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
 
 
 def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
-    """Return the map of a survey that is shown unless another one is chosen: the first that it has, and while it is
-    computed one that fills in.
+    """Return the map of a survey that is shown unless another one is chosen.
+
+    The first that it has, and while it is computed one that fills in.
+
+    Returns
+    -------
+    str
+        Name of the variable.
     """
     first, *others = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
     if not is_computed or not in_closed_form(request, first):
@@ -58,40 +63,42 @@ def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
 
 
 class WithoutSurvey(Protocol):
-    """What is known without any survey, as `Atlas` has the maps of surveys."""
+    """Closed-form maps, known without any survey, as `Atlas` has the maps of surveys."""
 
     request: SurveyRequest
 
-    def plane(self, variable: str, index: int) -> Plane:
-        """A map of it. Blocks: for a thread."""
+    def plane(self, variable: str, index: int) -> MapPlane:
+        """Return a map of it. Blocks: for a thread."""
 
-    def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
-        """A map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
+    def beforehand(
+        self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
+    ) -> MapPlane:
+        """Return a map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
 def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
-    """Of surveys, newest first, the one that a page shows which was not asked for any: one with something to show."""
+    """Return the survey, newest first, that a page shows which names none: one with something to show."""
     readable = [job for job in jobs if job.is_readable]
     shown = (job for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
     return next(shown, readable[0] if readable else None)
 
 
 @lru_cache(maxsize=KEPT)
-def drawn(plane: ReferenceType[Plane], limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
-    """What is drawn of a map that stays as it is, by reference: the atlas alone keeps maps."""
+def drawn(plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
+    """Return the drawn cells of a map that stays as it is, by reference: the atlas alone keeps maps."""
     there = plane()
     assert there is not None  # whoever asks has it
     return _drawn(there, limits, log, room)
 
 
-def _drawn(plane: Plane, limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
+def _drawn(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
     block = plane.block(room=room)
     return block, colouring(plane, block, limits, log, room)
 
 
 @dataclass(frozen=True)
 class Shared:
-    """What all pages of an application have in common. `looked` is called when a page has a map, in the event loop."""
+    """State that all pages of an application share. `looked` is called in the event loop when a page has a map."""
 
     front: Front
     news: News
@@ -104,7 +111,7 @@ class Shared:
         """Find what a page will show that asks for nothing: the first would wait for all that is loaded on the way."""
         try:
             model, window = await run_in_threadpool(self._first)
-            await self.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+            await self.front.kernels.require(model.name, patience=math.inf)
             await run_in_threadpool(usual_lines, model, window)
         except (RattleError, ValueError, OSError) as error:  # whoever opens the page is told
             log.info("the first map cannot be drawn beforehand: %s", error)
@@ -122,8 +129,16 @@ class Shared:
         request = whole.at(whole.along(0))
         return request.gear_model, window_of(request)
 
-    def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
-        """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""
+    def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
+        """Return the map of a survey, whether that is all there is by now, and what is drawn of it.
+
+        Blocks: for a thread.
+
+        Returns
+        -------
+        tuple[Plane, bool, Block, Colouring]
+            The map, whether it is complete, its drawn cells and their colours.
+        """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
         if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
@@ -135,8 +150,8 @@ class Shared:
             return plane, is_whole, *_drawn(plane, *how)
         return plane, True, *drawn(ref(plane), *how)
 
-    def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
-        """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
+    def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
+        """Return a map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False
@@ -144,8 +159,8 @@ class Shared:
             plane, is_whole = self.atlas.plane(job, variable, index, number)
         return plane
 
-    def exact_map(self, view: View) -> tuple[Plane, Block, Colouring]:
-        """The map without any survey, and what is drawn of it. Blocks: for a thread."""
+    def exact_map(self, view: View) -> tuple[MapPlane, MapBlock, Colouring]:
+        """Return the map without any survey, and what is drawn of it. Blocks: for a thread."""
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()
         return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXACT)

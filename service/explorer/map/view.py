@@ -17,21 +17,21 @@ from gear_rattle.service.explorer.common.address import UNCHOSEN, Entered, Pair,
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.drawings import PAUSE
 from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.design.go_to import GoTo
-from gear_rattle.service.explorer.design.places import Place
+from gear_rattle.service.explorer.design.places import Bookmark
 from gear_rattle.service.explorer.map.beside import Beside
 from gear_rattle.service.explorer.map.closer import Closer
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.controls import Controls, Uses
+from gear_rattle.service.explorer.map.controls import ControlCallbacks, Controls
 from gear_rattle.service.explorer.map.cursor import Cursor, History
-from gear_rattle.service.explorer.map.figure import Map
-from gear_rattle.service.explorer.map.overlays import WHOLE, Lines
+from gear_rattle.service.explorer.map.figure import MapFigure
+from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import AsSeen
-from gear_rattle.service.explorer.map.planes import SIDE, Block, Plane, maps_of, window_of
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane, maps_of, window_of
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
 from gear_rattle.service.explorer.point.panel import Above
 from gear_rattle.service.explorer.point.state import marks_of, stands_for
@@ -68,18 +68,18 @@ class MapView:
         self._job: JobRow | None = None
         self._whole: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
         self._request: SurveyRequest | None = None  # of its slice, if it has a third axis
-        self._plane: Plane | None = None
+        self._plane: MapPlane | None = None
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
         self._told: AsSeen | None = None
         self._gone = ""  # a survey of which it has been said that it is not there
-        self.map = Map(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
+        self.map = MapFigure(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, in_event_loop(self._on_size))
         self._closer = Closer(shared.overlaid.windows, viewer, self.map, self._say_zoom, self._count)
         heard = self._on_lines, self._on_share
-        self._lines = Lines(shared.overlaid, viewer, self.map, view.overlays, view.share, *heard, sheet)
+        self._lines = MapLines(shared.overlaid, viewer, self.map, view.overlays, view.share, *heard, sheet)
         self._history = History()
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
@@ -91,7 +91,9 @@ class MapView:
             "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
-        uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
+        uses = ControlCallbacks(
+            self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window
+        )
         self._controls = Controls(sheet, view.log, uses)
         self._title = Heading(sheet)
         self._said = Text("", sheet, is_spoken=True)
@@ -123,7 +125,7 @@ class MapView:
 
     @property
     def seen(self) -> AsSeen | None:
-        """What is drawn beside what the view tells; None if nothing is."""
+        """Drawn settings beside the view's; None if nothing is drawn."""
         return AsSeen.of(self._colours, self.map.pixels if self._zoomed else None) if self._colours else None
 
     @property
@@ -147,8 +149,8 @@ class MapView:
         self._closer.stop()
         self._follow(job)
 
-    def follow(self, standing: Standing | None) -> None:
-        """The survey that is shown may have more to show."""
+    def follow(self, standing: JobStatus | None) -> None:
+        """Follow the survey that is shown: it may have more to show."""
         if standing is not None:
             self._follow(standing.job)
         elif self.view.survey and self._gone != self.view.survey:
@@ -181,7 +183,7 @@ class MapView:
             self._drawing = self._viewer.start(self._keep_drawing())
 
     def _offer(self, request: SurveyRequest) -> None:
-        """The maps that a survey has."""
+        """Offer the maps that a survey has."""
         self._whole = request
         maps = maps_of(request)
         self._cut(request, self.view.slice)
@@ -194,7 +196,7 @@ class MapView:
         self._offer_index()
 
     def _cut(self, whole: SurveyRequest, number: int) -> None:
-        """The plane that is shown: of a third axis one slice."""
+        """Choose the plane that is shown: of a third axis one slice."""
         along = whole.along(number)
         self._request = whole.at(along)
         self._lines.tell(self.model, (whole.delta.start, whole.delta.stop))
@@ -279,7 +281,7 @@ class MapView:
             self._lines.clear()
             self.map.window(*self.window)
 
-    def _draw(self, plane: Plane, block: Block, colours: Colouring, view: View) -> None:
+    def _draw(self, plane: MapPlane, block: MapBlock, colours: Colouring, view: View) -> None:
         first = self._plane is None or self._plane.id != plane.id
         other = first or self._plane is not plane
         self._plane, self._colours = plane, colours
@@ -302,14 +304,14 @@ class MapView:
         self._shared.looked()
 
     def _tell_seen(self) -> None:
-        """The links to pictures are of what is seen."""
+        """Set the links to pictures of the visible map."""
         if self.seen != self._told:
             self._told = self.seen
             self._remember(self.view)
 
     @property
     def _is_computed(self) -> bool:
-        """Whether the survey that is shown is at work."""
+        """True if the survey that is shown is being computed."""
         return self._job is not None and self._job.state == State.RUNNING
 
     def show_usual_variable(self) -> None:
@@ -367,14 +369,14 @@ class MapView:
         if self._plane is not None:
             self._lines.draw(tuple(names), self.model, self.window)
 
-    def _shown(self) -> tuple[Plane, Ranges, Pair | None] | None:
+    def _shown(self) -> tuple[MapPlane, Ranges, Pair | None] | None:
         return (self._plane, self.window, self.view.point) if self._plane is not None else None
 
     def _look(self, at: Pair) -> None:
         assert self._plane is not None
         self.map.cursor(at)
         self._on_pointed(at)
-        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
+        self._said.html = f"<p>{escape(cell_in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:
@@ -383,7 +385,7 @@ class MapView:
             self.moved(*window)
 
     def moved(self, delta: Pair, epsilon: Pair) -> None:
-        """The viewer has moved to this window; of maps with one window each of them tells."""
+        """Follow the viewer to this window; of maps with one window each of them tells."""
         if (delta, epsilon) == self._zoomed:
             return
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
@@ -411,7 +413,7 @@ class MapView:
         self._draw_lines(self.view.overlays)
         self._refine()
 
-    def _on_place(self, place: Place) -> str:
+    def _on_place(self, place: Bookmark) -> str:
         """Go to a place that has a name; why not, if not."""
         if self.model != MODELS[DEFAULT_MODEL]():
             named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
@@ -428,7 +430,7 @@ class MapView:
             self._closer.show(self._plane, self.view.variable, self.view.index, self._zoomed)
 
     def _count(self) -> None:
-        """The shares of the key are those of what is seen."""
+        """Count the shares of the key, over the visible cells."""
         plane, view, seen = self._plane, self.view, self._closer.seen
         if plane is not None and seen is not None:
             self._lines.count(lambda: colouring(plane, seen(), view.limits, view.log).shades)

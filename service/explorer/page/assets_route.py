@@ -26,6 +26,7 @@ class Assets:
         self._size = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         key = (route_path(scope), scope["query_string"])
         headers = Headers(scope=scope)
         whole = scope["method"] == "GET" and "range" not in headers and "if-none-match" not in headers

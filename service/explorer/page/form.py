@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import RefineFields, SampleFields
-from gear_rattle.service.operations.estimate import Estimate, estimate
+from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.operations.surveys import submit_survey
 from gear_rattle.service.web.problems import field_errors_of
@@ -73,7 +73,7 @@ class Form:
         )  # fmt: skip
         self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
         self.v_max = pn.widgets.TextInput(label="Highest speed", placeholder="7, or natural", **number)
-        self.budget = pn.widgets.IntInput(label="Impacts of a sample", value=BUDGET, start=1, step=BUDGET, **number)
+        self.budget = pn.widgets.IntInput(label="Max. impacts per sample", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
             label="Submit", color="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
@@ -157,7 +157,7 @@ class Form:
         self.seed.value = request.seed
 
     def fields(self) -> dict[str, Any]:
-        """The body of `POST /v1/surveys` that the form stands for."""
+        """Return the body of `POST /v1/surveys` that the form stands for."""
         return {
             "name": self.name.value,
             **(self.machine.fields() if self.in_si.value else self._plain_fields()),
@@ -174,7 +174,7 @@ class Form:
         }
 
     def _plain_fields(self) -> dict[str, Any]:
-        """The axes and the model in the model's own numbers."""
+        """Return the axes and the model in the model's own numbers."""
         axes = {
             name: {"start": start.value, "stop": stop.value, "num": num.value}
             for name, (start, stop, num) in self.axes.items()
@@ -217,7 +217,7 @@ class Form:
         except RattleError as error:
             self._say(f"{size}; {error}")
         else:
-            self._say(f"{size}, {in_words(found)}")
+            self._say(f"{size}, {cost_in_words(found)}")
 
     async def _submit(self) -> None:
         def submit() -> str:
@@ -242,21 +242,21 @@ class Form:
 
 
 def what_is_wrong(error: Exception) -> str:
-    """The first thing that is wrong with a request, in words."""
+    """Return the first thing that is wrong with a request, in words."""
     if isinstance(error, ValidationError):
         first = field_errors_of(error.errors())[0]
         return f"{first.field}: {first.message}" if first.field else first.message
     return str(error)
 
 
-def in_words(found: Estimate) -> str:
-    """A cost, and what it rests on."""
+def cost_in_words(found: CostEstimate) -> str:
+    """Return a cost, and what it rests on."""
     about = "at most about" if found.is_most else "about"
     return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
 
 
 def lasting(seconds: float) -> str:
-    """A duration in the unit that suits it."""
+    """Return a duration in the unit that suits it."""
     for unit, size in (("days", 172_800.0), ("hours", 7200.0), ("min", 120.0)):
         if seconds >= size:
             whole = {"days": 86_400.0, "hours": 3600.0, "min": 60.0}[unit]

@@ -21,12 +21,12 @@ SCHEME: ContextVar[str] = ContextVar("scheme", default="light")
 
 
 def theme_of(view: View, scheme: str) -> str:
-    """The theme that a view asks for, or else that of the system, as its browser tells it."""
+    """Return the theme that a view asks for, or else that of the system, as its browser tells it."""
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 
 def head_of(pages: Pages) -> str:
-    """The document that asks for a page: all its scripts and styles, the same for everybody."""
+    """Return the document that asks for a page: all its scripts and styles, the same for everybody."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
     resources: Any = pages.resources()
@@ -44,5 +44,5 @@ def head_of(pages: Pages) -> str:
 
 
 def body_of(page: str) -> str:
-    """What follows the head in a page that Bokeh has written."""
+    """Return the text after the head of a page that Bokeh has written."""
     return page.partition("</head>")[2]

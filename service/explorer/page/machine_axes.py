@@ -17,7 +17,7 @@ ABOUT = "<p class=faint>Teeth that do not give way: with a stiffness, another on
 
 
 class MachineAxes:
-    """What is asked for in place of δ, ε and β."""
+    """Fields of a machine in place of δ, ε and β."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -39,7 +39,7 @@ class MachineAxes:
         )  # fmt: skip
 
     def fields(self) -> dict[str, Any]:
-        """The machine of a request, with its axes."""
+        """Return the machine of a request, with its axes."""
         axes = {
             name: {
                 "start": NUMBERS[name].meant(start.value),
@@ -66,6 +66,6 @@ class MachineAxes:
                 widget.value = NUMBERS[name].entered(value)
 
     def fill_counts(self, num: int) -> None:
-        """As many values along each axis."""
+        """Set the same number of values along each axis."""
         for three in self._axes.values():
             three[2].value = num

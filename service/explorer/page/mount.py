@@ -1,4 +1,4 @@
-"""Where the page is in the application: its routes, and the Bokeh application behind them, loaded once in a thread."""
+"""Mount the page in the application: its routes, and the Bokeh application behind them, loaded once in a thread."""
 
 from __future__ import annotations
 
@@ -135,8 +135,9 @@ class Explorer:
         return found
 
     def _looked(self) -> None:
-        """Start processes for the first click, which nobody needs where nobody looks. Sooner they would take the
-        processors from the first page.
+        """Start processes for the first click, which nobody needs where nobody looks.
+
+        Sooner they would take the processors from the first page.
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:
@@ -145,7 +146,15 @@ class Explorer:
             self._warming = asyncio.create_task(prepare(self._front))
 
     async def _first(self, _request: Request) -> Response:
-        """What asks for a page, which takes memory until its browser leaves: nobody gets one who runs no script."""
+        """Answer the first request of a page, which takes memory until its browser leaves.
+
+        A client that runs no script gets no page.
+
+        Returns
+        -------
+        Response
+            The answer.
+        """
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)
 

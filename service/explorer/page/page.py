@@ -13,15 +13,15 @@ from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import CustomJS
 from pydantic import ValidationError
 
-from gear_rattle.service.database.tables import Kind, Scope
+from gear_rattle.service.database.tables import JobKind, Scope
 from gear_rattle.service.errors import ServiceError, UnknownSurveyError
 from gear_rattle.service.explorer.common.address import FURTHER, Pair, Pin, View
 from gear_rattle.service.explorer.common.changes import in_event_loop
-from gear_rattle.service.explorer.common.lists import SurveyList
-from gear_rattle.service.explorer.common.news import Standing, overall_rate
+from gear_rattle.service.explorer.common.lists import SurveyMenu
+from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
 from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.families.view import Families
+from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.further.maps import FurtherMaps
 from gear_rattle.service.explorer.map.shared import Shared, shown_first
@@ -43,7 +43,7 @@ class _Template(pn.Template):
 
 
 def open_page(shared: Shared) -> pn.Template:
-    """A new page, for the caller of the request that is being answered, with the view of its URL."""
+    """Return a new page, for the caller of the request that is being answered, with the view of its URL."""
     document = pn.state.curdoc
     assert document is not None  # Panel has set it
     viewer = Viewer(shared.front, CALLER.get(), document)
@@ -66,13 +66,13 @@ class Page:
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
-        self._standings: dict[str, Standing] = {}
+        self._standings: dict[str, JobStatus] = {}
         self._unasked = ""  # the survey that is shown because nobody chose one
         self._form: Form | None = None
         viewer.tell = self._tell
         sheet = asset("widgets.css")
         self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
-        self._list = SurveyList(
+        self._list = SurveyMenu(
             self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
         )
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
@@ -85,7 +85,7 @@ class Page:
         self._pins = Pins(viewer, view.pins, self._on_pins, self._go_to_pin)
         self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
         self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
-        self._families = Families(shared, viewer, sheet, lambda: self._map)
+        self._families = FamiliesView(shared, viewer, sheet, lambda: self._map)
         self._map = MapView(
             shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.above,
             self._further.point_at,
@@ -110,10 +110,10 @@ class Page:
             template.add_panel(name, part)
         return template
 
-    def _on_news(self, standings: Sequence[Standing]) -> None:
+    def _on_news(self, standings: Sequence[JobStatus]) -> None:
         self._viewer.start(self._take(standings))
 
-    async def _take(self, standings: Sequence[Standing]) -> None:
+    async def _take(self, standings: Sequence[JobStatus]) -> None:
         standings = await self._viewer.read(lambda: self._with_asked(standings))  # if the key still holds
         caller = self._viewer.caller
         rows = [row_of(each, self._map.view, caller.owns(each.job), self._map.seen) for each in standings]
@@ -131,13 +131,13 @@ class Page:
 
         self._viewer.change(show)
 
-    def _with_asked(self, standings: Sequence[Standing]) -> Sequence[Standing]:
+    def _with_asked(self, standings: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """And the survey of the address, which need not be among the newest."""
         asked = self._map.view.survey
         if asked and all(each.job.id != asked for each in standings):
             with suppress(UnknownSurveyError):
-                job = self._shared.front.database.job(asked, Kind.SURVEY)
-                return [*standings, Standing(job, overall_rate(job), None)]
+                job = self._shared.front.database.job(asked, JobKind.SURVEY)
+                return [*standings, JobStatus(job, overall_rate(job), None)]
         return standings
 
     def _choose(self, survey_id: str) -> None:
@@ -145,7 +145,7 @@ class Page:
             self._map.choose(self._standings[survey_id].job)
 
     def _remember(self, view: View) -> None:
-        """The URL that reproduces what is shown."""
+        """Remember the view in the URL that reproduces it."""
         self._show_address()
         self._follow()
         if self._standings:
@@ -153,7 +153,7 @@ class Page:
             self._list.rows = [row_of(each, view, owns(each.job), self._map.seen) for each in self._standings.values()]
 
     def _follow(self) -> None:
-        """What belongs to the map is of the same survey."""
+        """Follow the map: the parts that belong to it show the same survey."""
         view = self._map.view
         standing = self._standings.get(view.survey)
         job = standing.job if standing else None
@@ -206,7 +206,7 @@ class Page:
             job = await self._viewer.read(lambda: self._shared.front.database.job(survey_id))
 
             def choose() -> None:
-                self._standings[survey_id] = Standing(job, None, None)
+                self._standings[survey_id] = JobStatus(job, None, None)
                 self._map.show_usual_variable()
                 self._list.chosen = survey_id
 
@@ -222,7 +222,7 @@ class Page:
             self._opened_form().fill_sample(self._request(view.survey))
 
     def _request(self, survey_id: str) -> SurveyRequest:
-        """Of a survey with a third axis, that of the slice that is shown."""
+        """Return the request of a survey; with a third axis that of the visible slice."""
         request, view = SurveyRequest.model_validate(self._standings[survey_id].job.request), self._map.view
         return request.at(request.along(view.slice if survey_id == view.survey else 0))
 
@@ -269,7 +269,7 @@ class Page:
         self._viewer.change(write)
 
     def end(self) -> None:
-        """The browser has left."""
+        """Release the resources after the browser has left."""
         self._shared.news.leave(self._on_news)
         self._map.end()
         self._further.end()

@@ -100,6 +100,7 @@ class Pages:
         self._bokeh = add_applications(served, app=self._app, **SETTINGS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one ASGI connection."""
         await self._app(dict(scope), receive, send)
 
     def running(self) -> AbstractAsyncContextManager[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gear_rattle.service.explorer.common.address import View
-from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from gear_rattle.service.explorer.map.picture import AsSeen, picture_query, thirds
 from gear_rattle.workers import SurveyRequest
@@ -16,8 +16,8 @@ from rattle.models import ADDED
 STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 
 
-def row_of(standing: Standing, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
-    """A survey as the list shows it in this view; seen: of the map that is drawn."""
+def row_of(standing: JobStatus, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
+    """Return a survey as the list shows it in this view; seen: of the map that is drawn."""
     job = standing.job
     state, message = job.shown
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -44,7 +44,7 @@ def row_of(standing: Standing, view: View, owned: bool, seen: AsSeen | None = No
 
 
 def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
-    """The size of a survey, and what was asked."""
+    """Return the size of a survey, and its requested values."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
         *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
@@ -60,12 +60,20 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
 
 
 def _values(given: Any) -> str:
-    """A parameter that is one number, or an axis."""
+    """Return a parameter that is one number, or an axis."""
     return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"
 
 
 def machine_facts(request: SurveyRequest) -> list[list[str]]:
-    """The speeds and eccentricities of a survey of a machine, and its other numbers; nothing of another survey."""
+    """Return the speeds and eccentricities of a survey of a machine, and its other numbers.
+
+    Nothing of another survey.
+
+    Returns
+    -------
+    list[list[str]]
+        Rows of name and value.
+    """
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:
         return []

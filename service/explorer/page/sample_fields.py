@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.refined.asked import AUDIT
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
 UNSAID = ""
-REFINED = "few cells first, more where they differ"
+REFINED = "Adaptive refinement"
 WHOLE = (0.0, 1.0, 0.0)  # phases from and to, and the least speed
 
 
@@ -33,8 +33,8 @@ class SampleFields:
             placeholder="8 or 24",
             **style,
         )
-        options = {"as asked for": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
-        self._by = pn.widgets.Select(label="In slots", options=options, **style)
+        options = {"default": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
+        self._by = pn.widgets.Select(label="Order attractors by", options=options, **style)
         self.widgets = [self._tau_min, self._tau_max, self._v_min, self._slots, self._by]
         self.panel = pn.Column(
             pn.Row(self._tau_min, self._tau_max, self._v_min, sizing_mode="stretch_width"),
@@ -43,11 +43,11 @@ class SampleFields:
         )  # fmt: skip
 
     def box(self) -> dict[str, Any]:
-        """Of the initial conditions."""
+        """Return the box of the initial conditions."""
         return {"tau_min": self._tau_min.value, "tau_max": self._tau_max.value, "v_min": self._v_min.value}
 
     def slots(self) -> dict[str, Any]:
-        """How many slots, and what decides which."""
+        """Return how many slots, and what decides which."""
         return {"slots": self._slots.value, "slots_by": self._by.value or None}
 
     def fill(self, request: SurveyRequest) -> None:
@@ -58,7 +58,7 @@ class SampleFields:
 
 
 class RefineFields:
-    """Whether cells are filled where nothing differs about them, and how many of those are computed all the same."""
+    """Fields of adaptive refinement, and of its audit fraction."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -77,7 +77,7 @@ class RefineFields:
         self.panel = pn.Column(*self.widgets, sizing_mode="stretch_width", margin=0)
 
     def fields(self) -> dict[str, Any]:
-        """Of a request."""
+        """Return the fields of a request."""
         return {"refine": {"audit": self._audit.value} if self._chosen.value else None}
 
     def fill(self, request: SurveyRequest) -> None:

@@ -1,4 +1,4 @@
-"""What a websocket needs on Python 3.11, where Panel's newest version stands on bokeh_fastapi.
+"""Work around websockets on Python 3.11, where Panel's newest version stands on bokeh_fastapi.
 
 bokeh_fastapi sends a message in parts, and lets another message in between if a part has to wait; it counts a browser
 out only when `receive` raises; and it raises anything at a token that is not one of ours.

@@ -1,4 +1,4 @@
-"""What is known of a pinned point, and pinned points side by side: as a table, and as CSV."""
+"""Compare pinned points side by side: as a table, and as CSV."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
 from gear_rattle.service.explorer.point.words import number, percent
 from rattle.models import ADDED, model_at
-from rattle.orbits import in_words
-from rattle.plot import name_of
+from rattle.orbits import region_in_words
+from rattle.plot import legend_name
 
 HEADER = (
     "delta", "epsilon", "beta", *ADDED, "region", "quiet_limit", "starts", "attractor", "kind", "letter",
@@ -25,26 +25,32 @@ COMPUTED = "computing …"
 RATTLING = ("periodic", "chaotic")
 
 
-class Known(NamedTuple):
-    """What is known of a pinned point: the number of its region, up to which ε it may run quietly, its attractors."""
+class PinResults(NamedTuple):
+    """Results of a pinned point: the number of its region, its quiet limit, its attractors."""
 
     region: int
     quiet_limit: float
     chances: Chances
 
 
-def known(pin: Pin, count: int) -> Known:
-    """What so many initial conditions tell of a point: for a process."""
+def results_of_point(pin: Pin, count: int) -> PinResults:
+    """Compute the results of a point from so many initial conditions: for a process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = chances(gear, count)
     if not model_at(gear).in_closed_form:
         found = lettered(found, gear.orbits())
-    return Known(gear.region(), gear.quiet_limit, found)
+    return PinResults(gear.region(), gear.quiet_limit, found)
 
 
-def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[str]]:
-    """The lines of the table, each with its head and a cell for each pin; what is not known is being computed, or says
-    why it cannot be.
+def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[list[str]]:
+    """Return the lines of the table, each with its head and a cell for each pin.
+
+    An unknown value is being computed, or says why it cannot be.
+
+    Returns
+    -------
+    list[list[str]]
+        Lines of texts.
     """
     lines = [
         ["Damping δ", *(number(each.delta, 6) for each in pins)],
@@ -57,27 +63,27 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[
             head = f"{parameter.label.capitalize()} {parameter.symbol}"
             lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
     of_pins = [told.get(each, COMPUTED) for each in pins]
-    lines.append(["Region", *(each if isinstance(each, str) else in_words(each.region) for each in of_pins)])
-    all_known = [each if isinstance(each, Known) else None for each in of_pins]
+    lines.append(["Region", *(each if isinstance(each, str) else region_in_words(each.region) for each in of_pins)])
+    all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
     lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
     names = dict.fromkeys(name for each in all_known if each for name, _ in _motions(each))
     return lines + [[name, *(_cell(each, name) for each in all_known)] for name in names]
 
 
-def _motions(known: Known) -> list[tuple[str, rattle.Attractor]]:
-    """The attractors by their names, with the letter of those that are one of A to D."""
+def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
+    """Return the attractors by their names, with the letter of those that are one of A to D."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
-    return [(f"{name_of(each)} = {letter}" if letter else name_of(each), each) for each, letter in pairs]
+    return [(f"{legend_name(each)} = {letter}" if letter else legend_name(each), each) for each, letter in pairs]
 
 
-def _largest_exponent(known: Known) -> str:
-    """Of the motions that rattle."""
+def _largest_exponent(known: PinResults) -> str:
+    """Return the largest exponent of the motions that rattle."""
     rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
     return number(max(rattling, default=math.nan))
 
 
-def _cell(known: Known | None, name: str) -> str:
+def _cell(known: PinResults | None, name: str) -> str:
     """How likely the attractors of a name are at a point, and their largest exponents."""
     if known is None:
         return ""
@@ -90,22 +96,30 @@ def _share(each: rattle.Attractor) -> str:
     return f"{percent(each.fraction)} ({percent(low)}–{percent(high)}){exponent}"
 
 
-def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
-    """A line for each attractor of each pin that is known; numbers as they are, to be read back to the same bits."""
+def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
+    """Return a line for each attractor of each pin that is known.
+
+    Numbers as they are, to be read back to the same bits.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
     for pin in pins:
-        if not isinstance(found := told.get(pin), Known):
+        if not isinstance(found := told.get(pin), PinResults):
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
-        here = *pin[:3], *added, in_words(found.region), found.quiet_limit
+        here = *pin[:3], *added, region_in_words(found.region), found.quiet_limit
         for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
             writer.writerow(
                 (
-                    *here, found.chances.starts, name_of(each), each.kind, letter, each.m, each.n_plus, each.n_minus,
-                    each.fraction, *each.fraction_interval, each.lyapunov[0], each.lyapunov_error, each.lyapunov[1],
-                    each.tau, each.v,
+                    *here, found.chances.starts, legend_name(each), each.kind, letter,
+                    each.m, each.n_plus, each.n_minus, each.fraction, *each.fraction_interval,
+                    each.lyapunov[0], each.lyapunov_error, each.lyapunov[1], each.tau, each.v,
                 )
             )  # fmt: skip
     return text.getvalue()

@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.pins.table import Known, csv_of, known, lines_of
+from gear_rattle.service.explorer.pins.table import PinResults, csv_of, lines_of, results_of_point
 from gear_rattle.service.explorer.point.work import Work
 from rattle import RattleError
 
@@ -49,17 +49,21 @@ class PinTable(JSComponent):
 class Pins:
     """The pins of a page.
 
-    Args:
-        pins: those of its address.
-        remember: told when there are others.
-        go: shows the point of a pin.
+    Parameters
+    ----------
+    pins
+        Those of its address.
+    remember
+        Told when there are others.
+    go
+        Shows the point of a pin.
     """
 
     def __init__(
         self, viewer: Viewer, pins: tuple[Pin, ...], remember: Callable[[], None], go: Callable[[Pin], None]
     ) -> None:
         self._viewer, self.pins, self._remember, self._go = viewer, pins, remember, go
-        self._told: dict[Pin, Known | str] = {}
+        self._told: dict[Pin, PinResults | str] = {}
         self._work: dict[Pin, Work] = {}
         self._open: Pin | None = None
         self.table = PinTable(self._act, margin=0, sizing_mode="stretch_width")
@@ -114,9 +118,9 @@ class Pins:
 
     async def _tell(self, pin: Pin, work: Work) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
-        told: Known | str
+        told: PinResults | str
         try:
-            told = await work.compute(known, pin, count, what="The attractors of a pinned point", slow=True)
+            told = await work.compute(results_of_point, pin, count, what="The attractors of a pinned point", slow=True)
         except RattleError as error:
             told = str(error)
         except Exception:

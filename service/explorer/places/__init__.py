@@ -1,1 +1,1 @@
-"""What is there without any survey."""
+"""Show closed-form results without any survey."""

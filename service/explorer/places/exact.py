@@ -1,5 +1,6 @@
-"""Regions and period-one motions, which are closed forms: the paper's plane without any survey, and those of a survey
-before it is computed.
+"""Regions and period-one motions, which are closed forms.
+
+The paper's plane without any survey, and those of a survey before it is computed.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ import xarray as xr
 
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.map.planes import SIDE, Plane
+from gear_rattle.service.explorer.map.planes import SIDE, MapPlane
 from gear_rattle.workers import Axis, SurveyRequest
-from gear_rattle.workers.pictures.planes import numbers, plane_of
+from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
 from gear_rattle.workers.survey.levels.grid import halvings
-from gear_rattle.workers.survey.tiles import cells_of
+from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.quantities import held, labels_of
 from gear_rattle.workers.survey.values.schema import Group
@@ -36,18 +37,18 @@ ASKED = SurveyRequest(
 KEPT = 8  # maps of surveys that are not done
 
 
-class ExactPlane(Plane):
+class ExactPlane(MapPlane):
     """One map of these. What is read at a point is computed there. Blocks: for a thread."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, ASKED, cells
         self.plane, self._levels = plane_of(found, variable, index), halvings(ASKED.shape)
         self.delta, self.epsilon = cells.delta, cells.epsilon
-        self.values = numbers(self.plane).astype(np.float32)
+        self.values = drawn_numbers(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """The region and the motions A to D of a point."""
+        """Return the region and the motions A to D of a point."""
         if delta <= 0 or epsilon < 0:
             return None
         here = replace(self._evaluated, delta=np.array([delta]), epsilon=np.array([epsilon]))
@@ -58,16 +59,16 @@ class Beforehand(ExactPlane):
     """One map of a survey that is not done, no finer than a screen. A cell that is computed already is read there."""
 
     def __init__(
-        self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], Plane]
+        self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
     ) -> None:
-        cells = cells_of(_thinned(request))
+        cells = cells_of_tile(_thinned(request))
         super().__init__(cells, _dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
         self._levels = halvings(cells.shape)
         self.plane, self._evaluated = self.plane.copy(), replace(cells)  # and not what it was made from
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """All that the survey has of the cell at a point, or its closed forms; None outside of it."""
+        """Return all that the survey has of the cell at a point, or its closed forms; None outside of it."""
         if self.at(delta, epsilon) is None:
             return None
         with suppress(MissingError):  # the survey waits
@@ -78,7 +79,7 @@ class Beforehand(ExactPlane):
 
 
 def _thinned(request: SurveyRequest) -> SurveyRequest:
-    """The closed forms of a survey on as many cells as are drawn at once."""
+    """Return the closed forms of a survey on as many cells as are drawn at once."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
     )
@@ -91,10 +92,12 @@ class Exact:
     request = ASKED
 
     def __init__(self) -> None:
-        self._beforehand: OrderedDict[tuple[str, str, int, int], Plane] = OrderedDict()
+        self._beforehand: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
         self._lock = Lock()
 
-    def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
+    def beforehand(
+        self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
+    ) -> MapPlane:
         """See `WithoutSurvey`."""
         key = job.id, variable, index, number
         with self._lock:
@@ -107,13 +110,13 @@ class Exact:
                 self._beforehand.popitem(last=False)
             return self._beforehand[key]
 
-    def plane(self, variable: str, index: int) -> Plane:
+    def plane(self, variable: str, index: int) -> MapPlane:
         """See `WithoutSurvey`."""
         return ExactPlane(self._cells, self._found, variable, index)
 
     @cached_property
     def _cells(self) -> Cells:
-        return cells_of(ASKED)
+        return cells_of_tile(ASKED)
 
     @cached_property
     def _found(self) -> xr.Dataset:
@@ -121,7 +124,7 @@ class Exact:
 
 
 def _dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
-    """What is asked of cells, or some of it, as an open survey has it."""
+    """Return the requested variables of cells, or some of them, as an open survey has them."""
     every = [each for each in held(ASKED.quantities, ASKED.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}

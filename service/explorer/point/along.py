@@ -19,8 +19,9 @@ FINENESS = ((100, "cells"), (300, "refined"))  # cells a side of the basins, at 
 
 
 class Along:
-    """`gear` is the one that is looked at, and `attractors` its own, none of the point itself. `looked` is called when
-    that is another one, with its place on the way from 0 to 1, None for the point itself.
+    """`gear` is the one that is looked at, and `attractors` its own, none of the point itself.
+
+    `looked` is called when that is another one, with its place on the way from 0 to 1, None for the point itself.
     """
 
     def __init__(
@@ -42,7 +43,7 @@ class Along:
 
     @property
     def is_away(self) -> bool:
-        """Whether another place than the point is looked at."""
+        """True if another place than the point is shown."""
         return self.gear is not self._own
 
     def offer(self, chosen: PointState) -> None:
@@ -94,7 +95,7 @@ class Along:
         picture.no_lines()
         picture.show_cells(found.basins, self._palette)
         picture.show_orbits(found.orbits)
-        self._panel.under_basins.html = basins.caption(found.basins, (), self._palette)
+        self._panel.under_basins.html = basins.basins_caption(found.basins, (), self._palette)
         self._panel.about_lines.html = ""
         if is_new:
             self._looked(wanted[1] / PLACES)

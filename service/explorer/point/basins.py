@@ -11,11 +11,11 @@ from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColor
 
 import rattle
 from gear_rattle.service.explorer.common.changes import in_event_loop
-from gear_rattle.service.explorer.common.figures import new_figure
-from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import themed_figure
+from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
 from rattle.attractors import PAPER_SPEED
-from rattle.plot import MANIFOLDS, Palette, name_of
+from rattle.plot import MANIFOLDS, Palette, legend_name
 
 MOST_NAMED = 24  # basins in the legend
 GAMMA = "Γ"
@@ -36,7 +36,7 @@ class BasinsPicture:
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
         names = "phase τ of the impact", "speed v after it"
-        self.figure = new_figure("basins", theme, *names, 520, (0.0, 1.0), (PAPER_SPEED, 0.0))
+        self.figure = themed_figure("basins", theme, *names, 520, (0.0, 1.0), (PAPER_SPEED, 0.0))
         self._v_max = PAPER_SPEED
         self.figure.grid.visible = False
         self._names = ColumnDataSource({"name": []})
@@ -99,7 +99,7 @@ class BasinsPicture:
             self._v_max = basins.v_max
             self.figure.y_range.update(start=self._v_max, end=0.0)
             self._image.glyph.dh = self._v_max
-        self._names.data = {"name": [name_of(each) for each in basins.attractors]}
+        self._names.data = {"name": [legend_name(each) for each in basins.attractors]}
         self._mapper.update(
             palette=[palette.colour(each) for each in basins.attractors], high=len(basins.attractors) - 0.5
         )
@@ -127,25 +127,25 @@ class BasinsPicture:
     def no_lines(self) -> None:
         """Take Γ and the manifolds away."""
         for source in self._lines.values():
-            empty(source)
+            clear(source)
 
     def clear(self) -> None:
         """Show nothing."""
         for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
-            empty(source)
+            clear(source)
 
     def show_chosen(self, tau: float, v: float) -> None:
         """Ring the state that the motion shown begins with."""
         self._chosen.data = {"tau": [tau], "v": [v]} if v < self._v_max else {"tau": [], "v": []}
 
 
-def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
+def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
     """Names of the colours and lines, in HTML, with the share of each basin; of many the largest."""
     parts = []
     shares = 100 * np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
-        parts.append(f"<li>{swatch}{name_of(each)} {share:.3g} %</li>")
+        parts.append(f"<li>{swatch}{legend_name(each)} {share:.3g} %</li>")
     if len(shares) > MOST_NAMED:
         parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {shares[MOST_NAMED:].sum():.3g} % in all</li>")
     for line in lines:
@@ -154,8 +154,8 @@ def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette
     return f'<ul class="legend" aria-label="Legend of the basins">{"".join(parts)}</ul>'
 
 
-def caption(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
-    """The legend, and how fine the picture is, in HTML."""
+def basins_caption(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
+    """Return the legend, and how fine the picture is, in HTML."""
     side = basins.tau.size
     how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
-    return legend(basins, lines, palette) + how
+    return basins_legend(basins, lines, palette) + how

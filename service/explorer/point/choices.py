@@ -1,4 +1,4 @@
-"""What a viewer chooses to see of a point: one of its motions, and along which axis its diagram is."""
+"""Choices of a viewer at a point: one of its motions, and the axis of its diagram."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
 from rattle import Machine
 from rattle.models import AnyGear
-from rattle.plot import Palette, name_of
+from rattle.plot import Palette, legend_name
 
 POINTS = 3000  # of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # of a motion; of a periodic one three of its own
@@ -29,8 +29,9 @@ NO_ATTRACTOR = "#8a96a3"
 
 
 class Choices:
-    """The motion with its spectrum and sound, the diagram and the tolerances of one point; what is chosen is
-    remembered. `own_again` is called when the point's own basins are looked at again.
+    """The motion with its spectrum and sound, the diagram and the tolerances of one point.
+
+    What is chosen is remembered. `own_again` is called when the point's own basins are looked at again.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class Choices:
         panel.on_tap, panel.on_motion, panel.on_direction = self._on_tap, self._on_motion, self._on_direction
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
-        """The attractors, as soon as they are known."""
+        """Offer the attractors, as soon as they are known."""
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)
@@ -72,8 +73,8 @@ class Choices:
             self._find_yield(self._chosen.tolerance)
 
     def _offer_motions(self) -> None:
-        """The attractors, and what was clicked, as choices."""
-        options = {f"{i + 1}. {name_of(each)}": i for i, each in enumerate(self._attractors)}
+        """Offer the attractors, and the clicked motion, as choices."""
+        options = {f"{i + 1}. {legend_name(each)}": i for i, each in enumerate(self._attractors)}
         value = self._attractor if options else None
         if self._chosen.start is not None:
             tau, v = self._chosen.start
@@ -89,7 +90,7 @@ class Choices:
 
     @property
     def is_away(self) -> bool:
-        """Whether basins of another place than the point are looked at."""
+        """True if basins of another place than the point are shown."""
         return self._along.is_away
 
     def _looked(self, at: float | None) -> None:
@@ -102,14 +103,14 @@ class Choices:
 
     @property
     def _parameter(self) -> float:
-        """Where on the axis of the diagram is what is looked at."""
+        """Position of the visible place on the axis of the diagram."""
         if self._chosen.to is not None:
             return self._chosen.at or 0.0
         gear = self._along.gear
         return gear.epsilon if self._chosen.direction == "epsilon" else gear.delta
 
     def _shown_attractor(self) -> rattle.Attractor | None:
-        """The attractor that is chosen; at another place the one of its name there, or the first that rattles."""
+        """Return the chosen attractor; at another place the one of its name there, or the first that rattles."""
         own = self._attractors[self._attractor] if self._attractors else None
         if not self.is_away:
             return own
@@ -118,11 +119,11 @@ class Choices:
         return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
 
     def _asked(self) -> tuple[object, ...]:
-        """What a motion is of."""
+        """Return the identity of the chosen motion."""
         return self._chosen.attractor, self._chosen.start, self._along.gear
 
     def show_motion(self) -> None:
-        """The motion that is chosen."""
+        """Show the chosen motion."""
         part = self._work.part(self._panel.under_motion, self._one_motion)
         self._motion = self._work.start(part, self._motion)
 
@@ -134,17 +135,19 @@ class Choices:
         elif (attractor := self._shown_attractor()) is None:
             raise rattle.RattleError("There is no attractor to show: click in the basins for a motion.")
         else:
-            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), name_of(attractor)
+            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), legend_name(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
-        found = await self._work.compute(parts.motion, gear, tau, v, periods, POINTS, what="The motion")
+        found = await self._work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
 
         def show() -> None:
             if asked != self._asked():
                 return  # another one has been chosen meanwhile
             self._panel.motions.show(found, gear.beta, shade)
             self._panel.picture.show_chosen(tau, v)
-            self._panel.under_motion.html = f'<p class="faint">{escape(motion.caption(found, what, attractor))}</p>'
+            self._panel.under_motion.html = (
+                f'<p class="faint">{escape(motion.motion_caption(found, what, attractor))}</p>'
+            )
             self._panel.heard.html = ""
             self._panel.under_spectrum.html = ""
             self._panel.spectrum.clear()
@@ -156,13 +159,13 @@ class Choices:
     async def _spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
         asked, gear = self._asked(), self._along.gear
         machine = machine_beside(self._machine, gear.delta, gear.epsilon) if self.is_away else self._machine
-        found = await self._work.compute(rattling.spectrum, gear, attractor, what="The spectrum")
+        found = await self._work.compute(rattling.spectrum_lines, gear, attractor, what="The spectrum")
 
         def show() -> None:
             if asked != self._asked():
                 return
             self._panel.spectrum.show(found, machine, shade)
-            said = loudness.spectrum_caption(found, name_of(attractor))
+            said = loudness.spectrum_caption(found, legend_name(attractor))
             self._panel.under_spectrum.html = f'<p class="faint">{escape(said)}</p>'
 
         await self._work.change(show)
@@ -177,7 +180,7 @@ class Choices:
             raise rattle.RattleError("An attractor can be heard: choose one.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
-        found = await self._work.compute(rattling.sound, self._along.gear, attractor, rpm, what="The sound")
+        found = await self._work.compute(rattling.sound_file, self._along.gear, attractor, rpm, what="The sound")
         await self._work.tell(self._panel.heard, loudness.player(found))
 
     def _on_tolerance(self, widths: Tolerance) -> None:
@@ -196,12 +199,12 @@ class Choices:
 
         def show() -> None:
             if widths == self._chosen.tolerance:
-                self._panel.tolerance.said.html = f"<p>{escape(tolerance.in_words(found, widths.share))}</p>"
+                self._panel.tolerance.said.html = f"<p>{escape(tolerance.yield_in_words(found, widths.share))}</p>"
 
         await self._work.change(show)
 
     async def one_diagram(self) -> None:
-        """The diagram in the direction that is chosen."""
+        """Show the diagram in the chosen direction."""
         direction, span, to = self._chosen.direction, self._chosen.span, self._chosen.to
         found: DiagramLines = await self._work.compute(
             parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
@@ -211,8 +214,8 @@ class Choices:
             if (direction, to) != (self._chosen.direction, self._chosen.to):
                 return
             self._panel.diagram.show(found, self._parameter)
-            said = f'<p class="faint">{escape(diagram.caption(found))}</p>'
-            self._panel.under_diagram.html = diagram.legend(found) + said + diagram.table(found)
+            said = f'<p class="faint">{escape(diagram.diagram_caption(found))}</p>'
+            self._panel.under_diagram.html = diagram.legend(found) + said + diagram.diagram_table(found)
 
         await self._work.change(show)
 

@@ -7,8 +7,8 @@ from typing import Any
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
-from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, new_figure
-from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
+from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import DiagramLines, Marks
 from gear_rattle.service.explorer.point.words import pair
 
@@ -26,7 +26,7 @@ class DiagramPicture:
 
     def __init__(self, theme: str, x_range: Range1d | None = None) -> None:
         axis = x_range or (0.0, 1.0)
-        self.figure: Any = new_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, axis, (0.0, 7.0))
+        self.figure: Any = themed_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, axis, (0.0, 7.0))
         self.figure.min_border_left = BESIDE
         ink = ink_of(theme)
         self._seen = ColumnDataSource({"x": [], "v": []})
@@ -53,7 +53,7 @@ class DiagramPicture:
     def clear(self) -> None:
         """Show nothing."""
         for source in (self._seen, self._strokes, self._marks):
-            empty(source)
+            clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
         """Draw a diagram; `at` is where the point is on its axis."""
@@ -88,20 +88,20 @@ class DiagramPicture:
 
 
 def _what(marks: Marks, i: int) -> str:
-    """An event in words: what happens to which motion, and the curve of the plane that it is on."""
+    """Return an event in words: its kind, its motion, and the curve of the plane that it is on."""
     name = f"{marks.name[i]}, " if marks.name[i] else ""
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
 def along(found: DiagramLines) -> str:
-    """What a diagram is along."""
+    """Return the name of a diagram's axis."""
     if found.to is None:
         return NAMES[found.direction]
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
-def table(found: DiagramLines) -> str:
-    """The events in HTML, those on curves of the map first; a click on one goes there."""
+def diagram_table(found: DiagramLines) -> str:
+    """Return the events in HTML, those on curves of the map first; a click on one goes there."""
     if not found.events:
         return ""
     rows = []
@@ -120,8 +120,8 @@ def table(found: DiagramLines) -> str:
     )
 
 
-def caption(found: DiagramLines) -> str:
-    """A sentence on what the picture shows."""
+def diagram_caption(found: DiagramLines) -> str:
+    """Return a sentence on what the picture shows."""
     named = sorted({name for name in found.marks.name if name})
     motions = len({each.motion for each in found.strokes})
     curves = f", among them {', '.join(named)}" if named else ""
@@ -134,7 +134,7 @@ def caption(found: DiagramLines) -> str:
 
 
 def legend(found: DiagramLines) -> str:
-    """What the markers mean, in HTML."""
+    """Return the meaning of the markers, in HTML."""
     kinds = [kind for kind in MARKERS if kind in found.marks.kind]
     parts = [
         f'<li><span style="color:{EVENT}" aria-hidden="true">{SIGNS[kind]}</span> {MEANINGS[kind]}</li>'

@@ -11,13 +11,13 @@ import numpy as np
 from bokeh.models import ColumnDataSource
 
 import rattle
-from gear_rattle.service.explorer.common.figures import new_figure
-from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import themed_figure
+from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST
 from gear_rattle.service.explorer.point.words import number, table
 from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
-from rattle.plot import Palette, name_of
+from rattle.plot import Palette, legend_name
 
 PLAIN = ("Impacts a period", "Mean speed", "Largest", "Energy Σv²/2", "dB re 2π²δ²")
 IN_SI = ("Impacts/s", "Mean, m/s", "Largest, m/s", "J a revolution", "Power, W", "dB re 1 pW")
@@ -30,14 +30,14 @@ def intensity_table(
     machine: Machine | None,
     palette: Palette,
 ) -> str:
-    """The intensities of attractors, in SI units where there is a machine."""
+    """Return the intensities of attractors, in SI units where there is a machine."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
         swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
         cells = ["–"] * len(IN_SI if machine else PLAIN)
         if each is not None:
             cells = _in_si(each, machine) if machine else _plain(each, delta)
-        rows.append((f"{swatch}{escape(name_of(attractor))}", *cells))
+        rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
     return table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
 
 
@@ -66,7 +66,7 @@ class SpectrumPicture:
     """Lines of a periodic or quiet motion, the density of a chaotic one with its 95 % interval."""
 
     def __init__(self, theme: str) -> None:
-        self.figure: Any = new_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
+        self.figure: Any = themed_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
         self._lines = ColumnDataSource({"x": [], "y": []})
         self._density = ColumnDataSource({"x": [], "y": [], "low": [], "high": []})
         self._drawn = [
@@ -78,7 +78,7 @@ class SpectrumPicture:
     def clear(self) -> None:
         """Show nothing."""
         for source in (self._lines, self._density):
-            empty(source)
+            clear(source)
 
     def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
         """Draw a spectrum in a colour; in N and Hz of a machine."""
@@ -106,13 +106,13 @@ class SpectrumPicture:
 
 
 def spectrum_caption(found: Lines | Density, what: str) -> str:
-    """A sentence on what the picture shows."""
+    """Return a sentence on what the picture shows."""
     if isinstance(found, Density):
         return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
     return f"Order spectrum of the force between the teeth, {what}: its lines, of orders of either sign, exact."
 
 
 def player(file: bytes) -> str:
-    """A WAV file, played as soon as it is there."""
+    """Return a WAV file, played as soon as it is there."""
     data = b64encode(file).decode("ascii")
     return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

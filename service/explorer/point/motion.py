@@ -9,8 +9,8 @@ from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Span
 
 import rattle
-from gear_rattle.service.explorer.common.figures import ink_of, new_figure
-from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import ink_of, themed_figure
+from gear_rattle.service.explorer.common.glyphs import clear
 
 ROOM = 1.12  # of a picture beyond the walls
 
@@ -20,8 +20,8 @@ class MotionPictures:
 
     def __init__(self, theme: str) -> None:
         walls = (-1.0, 1.0)
-        self.trace: Any = new_figure("trace", theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
-        self.portrait: Any = new_figure("portrait", theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
+        self.trace: Any = themed_figure("trace", theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
+        self.portrait: Any = themed_figure("portrait", theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
         self._samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
         ink = ink_of(theme)
@@ -45,7 +45,7 @@ class MotionPictures:
     def clear(self) -> None:
         """Show nothing."""
         for source in (self._samples, self._impacts):
-            empty(source)
+            clear(source)
 
     def show(self, found: rattle.Trajectory, beta: float, colour: str) -> None:
         """Draw a motion between walls at ±beta in a colour."""
@@ -68,8 +68,16 @@ class MotionPictures:
             each.glyph.line_color = colour
 
 
-def caption(found: rattle.Trajectory, what: str, attractor: rattle.Attractor | None = None) -> str:
-    """A sentence on what the pictures show; of a periodic attractor its own numbers, which no end of a picture cuts."""
+def motion_caption(found: rattle.Trajectory, what: str, attractor: rattle.Attractor | None = None) -> str:
+    """Return a sentence on what the pictures show.
+
+    Of a periodic attractor its own numbers, which no end of a picture cuts.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper
     if found.rest < np.inf:

@@ -1,4 +1,4 @@
-"""Where the points of a page are shown: one set of texts, pictures and controls, filled again for every point."""
+"""Show the points of a page: one set of texts, pictures and controls, filled again for every point."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 
 @dataclass(frozen=True)
 class Above:
-    """What stands above the diagram, over the same axis; at first nothing."""
+    """Figure above the diagram, over the same axis; at first nothing."""
 
     panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
     x_range: Range1d = field(default_factory=lambda: Range1d(start=0.0, end=1.0))
 
 
 class PointPanel:
-    """What a browser takes long to lay out, the pictures, is made when a point has something to show in it.
+    """Panel of a point. The pictures, slow for a browser, are made when a point has something to show in them.
 
     Whoever shows a point sets `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`, called when a viewer
     clicks or chooses.
@@ -106,7 +106,7 @@ class PointPanel:
 
     @cached_property
     def place(self) -> pn.widgets.IntSlider:
-        """Which place on the way of the diagram is looked at."""
+        """Slider of the visible place on the way of the diagram."""
         found = pn.widgets.IntSlider(
             label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
             sizing_mode="stretch_width",
@@ -121,7 +121,7 @@ class PointPanel:
 
     @cached_property
     def choice(self) -> pn.widgets.Select:
-        """Which motion is shown."""
+        """Choice of the motion that is shown."""
         found = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
@@ -129,7 +129,7 @@ class PointPanel:
         return found
 
     def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
-        """The motions that there are to choose from."""
+        """Offer the motions to choose from."""
         with self._watch.paused():
             self.choice.param.update(options=dict(options), value=chosen)
 
@@ -173,7 +173,7 @@ class PointPanel:
 
     @property
     def tolerance(self) -> ToleranceFields:
-        """Where tolerances are given."""
+        """Fields of the tolerances."""
         self._tolerance.visible = True
         return self._fields
 

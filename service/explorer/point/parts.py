@@ -1,4 +1,4 @@
-"""What the view of one parameter point computes: functions of a gear that processes of their own can run."""
+"""Compute the view of one parameter point: functions of a gear that other processes can run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import rattle
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.operations import diagrams
 from rattle import Diagram
-from rattle.attractors import classified, listed, sampled_speed
+from rattle.attractors import attractors_of_cell, classified, sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at
@@ -23,8 +23,8 @@ SAME_ORBIT = 1e-6
 Array = NDArray[np.float64]
 
 
-def highest_speed(delta: float, epsilon: float, beta: float) -> float:
-    """The largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
+def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
+    """Return the largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
     return sampled_speed(None, delta, epsilon, beta)
 
 
@@ -37,7 +37,7 @@ class Chances(NamedTuple):
     letters: tuple[str, ...]
 
 
-class PeriodOne(NamedTuple):
+class PeriodOneOrbits(NamedTuple):
     """The number of the region in `rattle.REGIONS`, and the motions A to D that happen."""
 
     region: int
@@ -45,8 +45,9 @@ class PeriodOne(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """The least impact that loses quiet motion, as `Gear.boundary_distance`, what that impact leads to, and up to which
-    speed one was looked for.
+    """Least impact that ends quiet motion, as `Gear.boundary_distance`.
+
+    With the motion that it leads to, and the speed up to which it was searched.
     """
 
     v: float
@@ -70,7 +71,7 @@ class PlaneLine(NamedTuple):
     points: Array
 
 
-class Lines(NamedTuple):
+class SpectrumLines(NamedTuple):
     """Γ and the manifolds of the saddles A and B, and a sentence for each that is missing."""
 
     lines: tuple[PlaneLine, ...]
@@ -88,8 +89,9 @@ class Stroke(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """The impacts (n,) of all events: parameter, v, τ, the kind (SN, PD, GR), the name of the event's curve or "", and
-    the motion that it happens to.
+    """The impacts (n,) of all events.
+
+    Parameter, v, τ, the kind (SN, PD, GR), the name of the event's curve or "", and the motion that it happens to.
     """
 
     x: Array
@@ -112,8 +114,9 @@ class Happening(NamedTuple):
 
 
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see; along which axis,
-    or as fractions of the way to a point `to`.
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see.
+
+    Along which axis, or as fractions of the way to a point `to`.
     """
 
     direction: str
@@ -128,16 +131,16 @@ class DiagramLines(NamedTuple):
 
 
 def chances(gear: AnyGear, count: int) -> Chances:
-    """The attractors of a sample of so many initial conditions; letters where they cost nothing."""
+    """Return the attractors of a sample of so many initial conditions; letters where they cost nothing."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
     return Chances(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
 
 
-def period_one(gear: AnyGear) -> PeriodOne:
-    """The period-one motions and their region: at once where they are closed forms, else by continuation."""
-    return PeriodOne(gear.region(), gear.orbits())
+def period_one(gear: AnyGear) -> PeriodOneOrbits:
+    """Return the period-one motions and their region: at once where they are closed forms, else by continuation."""
+    return PeriodOneOrbits(gear.region(), gear.orbits())
 
 
 def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
@@ -153,7 +156,7 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
 
 
 def lettered(found: Chances, orbits: Iterable[rattle.Orbit]) -> Chances:
-    """The same with the letters of these period-one motions."""
+    """Return the same with the letters of these period-one motions."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
 
@@ -165,22 +168,22 @@ def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
 
 
 def margin(gear: Any) -> Margin:
-    """How hard an impact loses quiet motion, of a gear whose model has a margin."""
+    """Return how hard an impact loses quiet motion, of a gear whose model has a margin."""
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
         table, _, _ = classified(gear.states, np.array([tau]), np.array([v]))
-        (leads_to,) = listed(table, table.samples)
-    return Margin(v, tau, undecided, leads_to, highest_speed(gear.delta, gear.epsilon, gear.beta))
+        (leads_to,) = attractors_of_cell(table, table.samples)
+    return Margin(v, tau, undecided, leads_to, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta))
 
 
-def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
+def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
     """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
     from rattle.plot import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     found = (
-        [PlaneLine("Γ", gamma_line(gear, highest_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
+        [PlaneLine("Γ", gamma_line(gear, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
         if Capability.GAMMA in model_at(gear).has
         else []
     )
@@ -190,7 +193,7 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
         found.append(PlaneLine(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
         if why:
             missing.append(why)
-    return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
+    return SpectrumLines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
 def diagram(
@@ -201,11 +204,17 @@ def diagram(
     steps: int | None = None,
     count: int | None = None,
 ) -> DiagramLines:
-    """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for; or
-    from there to another point (δ, ε).
+    """Return the one-parameter diagram through the point, along "epsilon" or "delta", or to another point.
+
+    As far either way as requested; or from there to another point (δ, ε).
+
+    Returns
+    -------
+    DiagramLines
+        The lines of the diagram.
     """
     from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
-    from rattle.plot import name_of as name_of_type
+    from rattle.plot import legend_name as name_of_type
 
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
     ends = diagrams.diagram_ends(gear, direction, either_way, to)
@@ -258,13 +267,13 @@ def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
 
 
 def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
-    """What is looked at of a gear beside the point's own."""
+    """Return the basins and orbits of a gear beside the point's own."""
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
     return Elsewhere(basins(gear, side, method), orbits)
 
 
-def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
-    """The motion from one state."""
+def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+    """Return the motion from one state."""
     return gear.trajectory(tau, v, periods, points)
 
 
@@ -273,9 +282,9 @@ def warm_up(gear: AnyGear) -> None:
     chances(gear, 16)
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
-    motion(gear, 0.3, 4.0, 1.0, 2)
+    motion_from(gear, 0.3, 4.0, 1.0, 2)
     lines(gear, arclength=1.0)
-    rattling.warm_up(gear)
+    rattling.warm_up_sounds(gear)
     if Capability.MARGIN in model_at(gear).has:
         margin(gear)
     diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))

@@ -1,4 +1,4 @@
-"""What the URL of a parameter point's view keeps: which motion is shown, which diagram, and tolerances."""
+"""State of a point's view in the URL: its motion, its diagram, and tolerances."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Entered, Pair, View
 from gear_rattle.service.explorer.design.fields import machine_at
-from gear_rattle.service.explorer.design.tolerance import Tolerance, outline
+from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
@@ -22,9 +22,11 @@ MOST_ATTRACTORS = 1000
 
 @dataclass(frozen=True)
 class PointState:
-    """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction and how
-    far it goes either way, None for as far as usual, or the point that it goes to; tolerances, if any were given; where
-    on the way of the diagram, from 0 to 1, basins and motion are looked at, None for the point itself.
+    """The attractor (its place by falling share) or the initial condition (τ, v) shown.
+
+    The diagram's direction and how far it goes either way, None for as far as usual, or the point that it goes to;
+    tolerances, if any were given; where on the way of the diagram, from 0 to 1, basins and motion are looked at, None
+    for the point itself.
     """
 
     attractor: int | None = None
@@ -37,20 +39,20 @@ class PointState:
 
     @classmethod
     def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
-        """The state that these texts describe; what cannot be read, or is beyond v_max, is as by default."""
+        """Return the state that these texts describe; what cannot be read, or is beyond v_max, is as by default."""
         direction = str(text.get("direction", ""))
         return cls(
             _attractor(text.get("attractor")),
             _start(text.get("tau"), text.get("v"), v_max),
             direction if direction in SPANS else "epsilon",
-            span_of(text.get("span")),
-            point_of(text.get("to")),
+            span_of_view(text.get("span")),
+            point_of_view(text.get("to")),
             tolerance_of(text.get("tolerance")),
             share_of(text.get("at")),
         )
 
     def text(self) -> dict[str, str]:
-        """The texts that describe it, none for what is as by default."""
+        """Return the texts that describe it, none for what is as by default."""
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
             said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
@@ -83,8 +85,8 @@ def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
     return None
 
 
-def span_of(given: object) -> float | None:
-    """How far a diagram goes either way, None for as far as usual and if that cannot be read."""
+def span_of_view(given: object) -> float | None:
+    """Return how far a diagram goes either way, None for as far as usual and if that cannot be read."""
     try:
         span = float(str(given))
     except ValueError:
@@ -93,7 +95,7 @@ def span_of(given: object) -> float | None:
 
 
 def share_of(given: object) -> float | None:
-    """A number from 0 to 1, None if it is none."""
+    """Return a number from 0 to 1, None if it is none."""
     try:
         share = float(str(given))
     except ValueError:
@@ -107,14 +109,14 @@ def way_of(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
 
 
 def place_on(way: tuple[Pair, Pair], share: float) -> Pair:
-    """The point (δ, ε) so far on a way from 0 to 1."""
+    """Return the point (δ, ε) so far on a way from 0 to 1."""
     (delta, epsilon), (to_delta, to_epsilon) = way
     left = 1.0 - share  # so that the ends are exact
     return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
-def point_of(given: object) -> Pair | None:
-    """The point (δ, ε) that a text describes, None if it is none."""
+def point_of_view(given: object) -> Pair | None:
+    """Return the point (δ, ε) that a text describes, None if it is none."""
     try:
         delta, epsilon = map(float, str(given).split(","))
     except ValueError:
@@ -123,7 +125,7 @@ def point_of(given: object) -> Pair | None:
 
 
 def tolerance_of(given: object) -> Tolerance | None:
-    """The tolerance that a text describes, None if it cannot be read."""
+    """Return the tolerance that a text describes, None if it cannot be read."""
     try:
         found = Tolerance(*map(float, str(given).split(",")))
     except (TypeError, ValueError):
@@ -134,7 +136,7 @@ def tolerance_of(given: object) -> Tolerance | None:
 def stands_for(
     point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: Model
 ) -> tuple[Machine | None, Model]:
-    """The machine and the model of a point, of a survey with these, or of a machine that was entered."""
+    """Return the machine and the model of a point, of a survey with these, or of a machine that was entered."""
     if entered is None:
         return machine_at(machine, *point), model
     found = entered.machine
@@ -142,17 +144,23 @@ def stands_for(
 
 
 def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
-    """Where the point that is open is on the map of a survey, if it is one of this plane, or the place on its diagram's
-    way that is looked at, and the lines (k, 2) about it, NaN between them: its tolerances, and the way that its
-    diagram goes to another point.
+    """Return the marks of the open point on the map of a survey.
+
+    Its place if it is one of this plane, or the place on its diagram's way that is shown, and the lines (k, 2) about
+    it, NaN between them: its tolerances, and the way that its diagram goes to another point.
+
+    Returns
+    -------
+    tuple[Pair | None, np.ndarray | None]
+        The point, and the lines; None without them.
     """
     if view.point is None:
         return None, None
     made, of_point = stands_for(view.point, view.machine, machine, model)
     if of_point != model:
         return None, None
-    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of(view.point_state.get("to"))
-    lines = [] if widths is None else [outline(*view.point, made, widths)]
+    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of_view(view.point_state.get("to"))
+    lines = [] if widths is None else [tolerance_outline(*view.point, made, widths)]
     if to is not None:
         lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
     here, state = view.point, PointState.read(view.point_state, 0.0)

@@ -15,10 +15,9 @@ from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.explorer.point import basins, loudness, parts, words
 from gear_rattle.service.explorer.point.choices import Choices
 from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.parts import Lines
+from gear_rattle.service.explorer.point.parts import SpectrumLines
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import Capability, Model, lacking
@@ -51,13 +50,13 @@ class PointView(param.Parameterized):
         **state: str,
     ) -> None:
         possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
-        chosen = PointState.read(state, parts.highest_speed(delta, epsilon, model.beta) if possible else 0.0)
+        chosen = PointState.read(state, parts.largest_sampled_speed(delta, epsilon, model.beta) if possible else 0.0)
         super().__init__(state=chosen.text())
         self.panel, self._model, self._machine, self._front = panel, model, machine, front
         self._work = Work(front, pn.state.curdoc, model.name)
         self._orbits: tuple[rattle.Orbit, ...] = ()
         self._found: parts.Chances | None = None
-        self._lines: Lines | None = None
+        self._lines: SpectrumLines | None = None
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
         self._is_there = False  # a gear
@@ -96,27 +95,27 @@ class PointView(param.Parameterized):
     def _say_where(self) -> None:
         """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
         self.panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
-            f"<p>{escape(words.in_si(self._machine))}</p>" if self._machine else ""
+            f"<p>{escape(words.in_si_words(self._machine))}</p>" if self._machine else ""
         )
 
     def _say_what_is_computed(self) -> None:
-        panel, ready = self.panel, partial(self._front.kernels.has, self._model.name)
+        panel, ready = self.panel, self._front.kernels.has(self._model.name)
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"),
         ):  # fmt: skip
             text.html = waiting(what)
-        if not ready(Part.POINT):
+        if not ready:
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
         if self._model.in_closed_form:
-            if ready(Part.ORBITS):
+            if ready:
                 self._tell_orbits(parts.period_one(self._gear))
             else:
                 self._work.start(self._work.part(panel.orbits, self._closed_form))
 
     async def _fill(self) -> None:
-        """What is quick first; one slow part after the other, so that the next click is answered at once.
+        """Fill the quick parts first, then the slow ones one by one, so that the next click is answered at once.
 
         Pictures come after the words: to make them takes the service, and to lay them out a browser, a while.
         """
@@ -156,12 +155,12 @@ class PointView(param.Parameterized):
         if self._found is None:
             return
         attractors = self._found.attractors
-        found = await self._work.compute(rattling.intensities, self._gear, attractors, what="The intensities")
+        found = await self._work.compute(rattling.motion_intensities, self._gear, attractors, what="The intensities")
         said = loudness.intensity_table(attractors, found, self._gear.delta, self._machine, self._palette)
         await self._work.tell(self.panel.loud, said)
 
     async def _closed_form(self) -> None:
-        await self._work.kernels(Part.ORBITS)
+        await self._work.kernels()
         await self._work.change(lambda: self._tell_orbits(parts.period_one(self._gear)))
 
     async def _continued(self) -> None:
@@ -176,7 +175,7 @@ class PointView(param.Parameterized):
 
         await self._work.change(show)
 
-    def _tell_orbits(self, found: parts.PeriodOne) -> None:
+    def _tell_orbits(self, found: parts.PeriodOneOrbits) -> None:
         self._orbits = found.orbits
         self.panel.orbits.html = words.orbits_table(found)
 
@@ -206,7 +205,7 @@ class PointView(param.Parameterized):
         await self._work.change(show)
 
     def _show_own(self) -> None:
-        """What is known by now, after another place was looked at."""
+        """Show the known results, after another place was shown."""
         if self._basins is not None:
             self._show_cells(self._basins)
         if self._lines is not None:
@@ -217,7 +216,7 @@ class PointView(param.Parameterized):
         self.panel.picture.show_orbits(self._orbits)
         self._show_legend()
 
-    def _show_lines(self, found: Lines) -> None:
+    def _show_lines(self, found: SpectrumLines) -> None:
         self.panel.picture.show_lines(found.lines)
         notes = "".join(f"<li>{escape(each)}</li>" for each in found.missing)
         self.panel.about_lines.html = f'<ul class="faint">{notes}</ul>' if notes else ""
@@ -226,4 +225,4 @@ class PointView(param.Parameterized):
     def _show_legend(self) -> None:
         if self._basins is not None:
             lines = self._lines.lines if self._lines is not None else ()
-            self.panel.under_basins.html = basins.caption(self._basins, lines, self._palette)
+            self.panel.under_basins.html = basins.basins_caption(self._basins, lines, self._palette)

@@ -9,18 +9,18 @@ from urllib.parse import urlencode
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOne
+from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOneOrbits
 from rattle import Machine
 from rattle.models import AnyGear, model_at
-from rattle.orbits import in_words
-from rattle.plot import Palette, name_of
+from rattle.orbits import region_in_words
+from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
 ENOUGH = 5e-4  # a share below it is not said to be 0
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number for people: so many significant digits, a real minus sign, a dash where there is none."""
+    """Return a number for people: so many significant digits, a real minus sign, a dash where there is none."""
     if math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -29,7 +29,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in per cent: three digits, and neither 0 nor 100 unless it is."""
+    """Return a share in per cent: three digits, and neither 0 nor 100 unless it is."""
     if 0 < share < ENOUGH:
         return "less than 0.05 %"
     if 1 - ENOUGH < share < 1:
@@ -38,14 +38,14 @@ def percent(share: float) -> str:
 
 
 def complex_number(value: complex) -> str:
-    """A multiplier."""
+    """Return a multiplier."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number(value.real)
     return f"{number(value.real)} {'+' if value.imag > 0 else MINUS} {number(abs(value.imag))}i"
 
 
 def pair(values: tuple[complex, complex] | None) -> str:
-    """Both multipliers, as one where they are conjugate."""
+    """Return both multipliers, as one where they are conjugate."""
     if values is None:
         return "–"
     first, second = values
@@ -55,25 +55,25 @@ def pair(values: tuple[complex, complex] | None) -> str:
 
 
 def motion(attractor: rattle.Attractor, letter: str = "") -> str:
-    """What a motion that is not quiet is called in a sentence."""
+    """Return the name of a motion that is not quiet, in a sentence."""
     if attractor.kind == "chaotic":
         return "chaotic, without a period"
     if attractor.kind == "undecided":
         return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
     each = "every period" if attractor.m == 1 else f"every {attractor.m} periods"
-    named = f"{name_of(attractor)} = {letter}" if letter else name_of(attractor)
+    named = f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
     return f"{impacts} impact{'s' if impacts > 1 else ''} {each}, {named}"
 
 
 def where(gear: AnyGear) -> str:
-    """What closed forms say of the point, at once."""
+    """Return the closed-form description of the point."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
     model = model_at(gear)
     for each in model.added:
         backlash += f", {each.in_words} = {number(model.numbers[each.name], 6)}"
-    backlash += f": {in_words(gear.region())}." if model.in_closed_form else "."
+    backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
@@ -87,8 +87,8 @@ def where(gear: AnyGear) -> str:
     return f"{at}{backlash}{quiet}"
 
 
-def in_si(machine: Machine) -> str:
-    """A point as a machine, and what the model's units are there."""
+def in_si_words(machine: Machine) -> str:
+    """Return a point as a machine, and what the model's units are there."""
     units = machine.units
     quiet = machine.gear.quiet_limit * units.length
     stiff = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
@@ -100,7 +100,7 @@ def in_si(machine: Machine) -> str:
 
 
 def how_likely(gear: AnyGear, found: Chances) -> str:
-    """How likely the gear is to run quietly, and what it does otherwise."""
+    """Return how likely the gear is to run quietly, and what it does otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
@@ -126,7 +126,7 @@ def how_likely(gear: AnyGear, found: Chances) -> str:
 
 
 def how_safe(gear: AnyGear, found: Margin) -> str:
-    """How hard an impact must be to end quiet running, and where that leads."""
+    """Return how hard an impact must be to end quiet running, and where that leads."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
     if math.isnan(found.v):
@@ -144,7 +144,7 @@ def how_safe(gear: AnyGear, found: Margin) -> str:
 
 
 def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table in HTML; the first cell of a row is its head. Cells are HTML."""
+    """Return a table in HTML; the first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:
@@ -154,8 +154,8 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> 
     return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def orbits_table(found: PeriodOne) -> str:
-    """The period-one orbits A to D that exist."""
+def orbits_table(found: PeriodOneOrbits) -> str:
+    """Return the period-one orbits A to D that exist."""
     if not found.orbits:
         return "<p>None of the period-one orbits A to D exists here.</p>"
     rows = (
@@ -170,14 +170,14 @@ def orbits_table(found: PeriodOne) -> str:
         for orbit in found.orbits
     )
     return table(
-        f"Period-one orbits: {in_words(found.region)}",
+        f"Period-one orbits: {region_in_words(found.region)}",
         ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
         rows,
     )
 
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
-    """Where this point is as a notebook, with the diagram that is shown."""
+    """Return the link to this point as a notebook, with the diagram that is shown."""
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])
@@ -186,7 +186,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
 
 
 def attractors_table(found: Chances, palette: Palette) -> str:
-    """The attractors, with fractions, exponents and multipliers."""
+    """Return the attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
@@ -194,7 +194,7 @@ def attractors_table(found: Chances, palette: Palette) -> str:
         error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(name_of(each))}{f' = {letter}' if letter else ''}",
+                f"{swatch}{escape(legend_name(each))}{f' = {letter}' if letter else ''}",
                 f"{percent(each.fraction)} <small>({percent(low)}–{percent(high)})</small>",
                 f"{number(each.lyapunov[0])}{error}",
                 number(each.lyapunov[1]),

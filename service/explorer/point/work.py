@@ -16,7 +16,6 @@ import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from rattle import RattleError
@@ -45,7 +44,7 @@ async def _prepare_one(front: Front) -> None:
             front,
             parts.warm_up,
             rattle.Gear(0.6, 0.1),
-            needs=(DEFAULT_MODEL, Part.POINT),
+            model=DEFAULT_MODEL,
             what="The kernels",
             advice="",
         )
@@ -87,27 +86,31 @@ class Work:
     def _give_up(self, task: asyncio.Task[None]) -> None:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
-    async def kernels(self, part: Part) -> None:
-        """Wait, as long as it takes, until these kernels are there."""
-        await self._front.kernels.require(self._model, part, patience=math.inf)
+    async def kernels(self) -> None:
+        """Wait, as long as it takes, until the kernels of the model are there."""
+        await self._front.kernels.require(self._model, patience=math.inf)
         self._require()
 
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
     ) -> Result:
-        """What a function returns, from a process of its own. Slow ones never take all processes.
+        """Return the result of a function, from a process of its own. Slow ones never take all processes.
 
         Raises UnavailableError.
+
+        Returns
+        -------
+        Result
+            The result.
         """
-        part = Part.ATTRACTORS if compute is parts.chances else Part.POINT
-        await self.kernels(part)
+        await self.kernels()
         async with self._front.slow_points.one() if slow else nullcontext():
             self._require()
             found = await in_turn(
                 self._front,
                 compute,
                 *arguments,
-                needs=(self._model, part),
+                model=self._model,
                 what=what,
                 advice="Choose another point, or try again later.",
             )

@@ -1,1 +1,1 @@
-"""What a survey has along the line of a diagram, above the diagram."""
+"""Draw a survey along the line of a diagram, above the diagram."""

@@ -8,8 +8,8 @@ import numpy as np
 from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, Range1d
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, new_figure
-from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
+from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.section.profile import Profile
 
 HEIGHT = 190
@@ -20,7 +20,7 @@ class ProfilePicture:
     """Values against the parameter of the diagram."""
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
-        self.figure: Any = new_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
+        self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
         self.figure.min_border_left = BESIDE
         self._steps = ColumnDataSource({"x": [], "value": [], "what": []})
         drawn = self.figure.line("x", "value", source=self._steps, line_color=ink_of(theme), line_width=1.8)
@@ -31,7 +31,7 @@ class ProfilePicture:
 
     def clear(self) -> None:
         """Show nothing."""
-        empty(self._steps)
+        clear(self._steps)
 
     def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
         """Draw a profile over these values of the parameter, between limits if there are any; return what it spans."""
@@ -54,7 +54,7 @@ def _told(found: Profile, value: float) -> str:
 
 
 def spanned(found: Profile) -> Pair:
-    """What the axis of values spans unless a viewer says otherwise: all codes, or all values."""
+    """Return the default range of the axis of values: all codes, or all values."""
     if found.names:
         return min(found.names) - 0.5, max(found.names) + 0.5
     known = found.values[np.isfinite(found.values)].astype(float)

@@ -1,4 +1,4 @@
-"""What a map has along a line in the plane: the values of the cells that the line crosses."""
+"""Profile of a map along a line in the plane: the values of the cells that the line crosses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.map.colouring import layers_of, values_shown
-from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
 ROOM = (1024, 1024)  # cells about the line that are read; of more, several are one, as they are drawn
@@ -19,8 +19,9 @@ Ends = tuple[Pair, Pair]
 
 @dataclass(frozen=True)
 class Profile:
-    """Values (k,) along a line, NaN where a cell has none; it goes from one cell into the next `at` (k + 1,), from 0 to
-    1.
+    """Values (k,) along a line, NaN where a cell has none.
+
+    It goes from one cell into the next `at` (k + 1,), from 0 to 1.
 
     names: of codes, what each means. gaps: why there are no values, and on which share of the line. together: how many
     cells of the survey are one, along δ and along ε.
@@ -34,10 +35,20 @@ class Profile:
     together: tuple[int, int]
 
 
-def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a line goes from one cell into the next, (k + 1,) from 0 to 1, and row and column (k,) of its cells.
+def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the crossings of a line from one cell into the next, and the cells.
 
-    box: what these rows and columns of cells of one size cover. Beyond it rows and columns are −1.
+    Beyond it rows and columns are −1.
+
+    Parameters
+    ----------
+    box : Ranges
+        What these rows and columns of cells of one size cover.
+
+    Returns
+    -------
+    tuple[np.ndarray, np.ndarray, np.ndarray]
+        Crossings (k + 1,) from 0 to 1, and row and column (k,) of the cells.
     """
     (x, y), (to_x, to_y) = ends
     ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))
@@ -57,12 +68,12 @@ def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray
     return at, row, column
 
 
-def profile_of(plane: Plane, ends: Ends) -> Profile:
-    """What a map has along a line from one point (δ, ε) to another. Blocks: for a thread."""
+def profile_of(plane: MapPlane, ends: Ends) -> Profile:
+    """Return the profile of a map along a line from one point (δ, ε) to another. Blocks: for a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), ROOM)
     shape = block.values.shape
-    at, row, column = crossed(block.box, (shape[0], shape[1]), ends)
+    at, row, column = crossed_cells(block.box, (shape[0], shape[1]), ends)
     is_there = row >= 0
     values = np.where(is_there, values_shown(plane, block)[row, column], np.float32(np.nan))
     lengths = np.diff(at)
@@ -75,7 +86,7 @@ def profile_of(plane: Plane, ends: Ends) -> Profile:
     return Profile(title_of(plane.plane), at, values, names, reasons, _together(plane, block))
 
 
-def _together(plane: Plane, block: Block) -> tuple[int, int]:
+def _together(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
     """How many cells of a survey each cell of a block stands for, along δ and along ε."""
     across, along = (
         round((high - low) / cells.size * (axis.size - 1) / (axis[-1] - axis[0]))
@@ -86,8 +97,8 @@ def _together(plane: Plane, block: Block) -> tuple[int, int]:
     return int(across), int(along)
 
 
-def in_words(found: Profile) -> str:
-    """A sentence on what a profile shows."""
+def profile_in_words(found: Profile) -> str:
+    """Return a sentence on what a profile shows."""
     cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
     gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())
     return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram below: {cells} that it crosses." + (

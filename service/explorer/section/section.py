@@ -15,12 +15,12 @@ from gear_rattle.service.explorer.common.drawings import Drawings, Show
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch
-from gear_rattle.service.explorer.map.planes import names_of
+from gear_rattle.service.explorer.map.planes import map_names
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.point.panel import Above
 from gear_rattle.service.explorer.point.state import PointState, stands_for
 from gear_rattle.service.explorer.section.picture import ProfilePicture
-from gear_rattle.service.explorer.section.profile import Ends, in_words, profile_of
+from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
 from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
 from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
@@ -30,8 +30,9 @@ NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."
 
 
 class Section:
-    """What stands above the diagram. `keep` remembers what is chosen in the view, `go_through` has the diagram drawn
-    from the open point to another one.
+    """Profile above the diagram.
+
+    `keep` remembers what is chosen in the view, `go_through` has the diagram drawn from the open point to another one.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class Section:
             if self._way != (ends, span):  # else a viewer may have moved the axis
                 self._way = ends, span
                 self.above.x_range.update(start=span[0], end=span[1])
-            self._said.html = f'<p class="faint">{escape(in_words(found))}</p>'
+            self._said.html = f'<p class="faint">{escape(profile_in_words(found))}</p>'
             self.above.panel.visible = True
 
         return show
@@ -146,8 +147,8 @@ class Section:
 
 
 def _offered(request: SurveyRequest, view: View) -> tuple[Chosen, dict[str, str]]:
-    """The map whose profile is shown, that which is seen unless a viewer has chosen another one, and all others."""
-    options = {words: chosen.written for words, chosen in names_of(request).items()}
+    """Return the map whose profile is shown, the visible one unless a viewer has chosen another, and all others."""
+    options = {words: chosen.written for words, chosen in map_names(request).items()}
     for chosen in (view.profile, Chosen(view.variable, view.index)):
         if chosen is not None and chosen.written in options.values():
             return chosen, options

@@ -12,6 +12,7 @@ ACTIVE, FAILED = sa.text("state IN ('accepted', 'running')"), sa.text("failed > 
 
 
 def upgrade() -> None:
+    """Create the tables."""
     op.create_table(
         "keys",
         sa.Column("id", sa.String(), primary_key=True),

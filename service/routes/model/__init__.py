@@ -1,1 +1,1 @@
-"""What asks the model, and no survey: points, curves, basins, machines."""
+"""Routes about the model, without a survey: points, curves, basins, machines."""

@@ -1,4 +1,4 @@
-"""What models add to δ, ε and β, as parameters of a query and as fields of an answer."""
+"""Parameters that models add to δ, ε and β, in queries and answers."""
 
 from __future__ import annotations
 
@@ -40,6 +40,11 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
     ----------
     after : dict of str to dict
         Behind which of the route's own parameters they stand: for each of these the types of theirs, by name.
+
+    Returns
+    -------
+    Callable[[Route], Route]
+        A decorator.
     """
 
     def change(route: Route) -> Route:

@@ -8,7 +8,6 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.picture import PNG
@@ -44,8 +43,9 @@ async def basins(
         float | None, Query(gt=0, allow_inf_nan=False, description="largest speed; by default as in the paper")
     ] = None,
 ) -> Response:
-    """Of a point, or of a machine in SI units; speeds are the model's. Each cell is followed on its own, as in Figure 4
-    of the paper; white: the grazing curve Γ (impacting model).
+    """Draw the basins of a point, or of a machine in SI units; speeds are the model's.
+
+    Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model).
     """
     speeds = v_min, highest_speed(place.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
@@ -61,7 +61,7 @@ async def basins(
         resolution,
         (tau_min, tau_max),
         speeds,
-        needs=(model_at(place.gear).name, Part.POINT),
+        model=model_at(place.gear).name,
         what="The basins",
         advice="Ask for fewer cells a side (resolution), or at a larger δ: a motion settles in some 1/δ periods.",
     )
@@ -69,7 +69,7 @@ async def basins(
 
 
 def highest_speed(gear: AnyGear) -> float:
-    """The end of the plane of states that is shown by default."""
+    """Return the end of the plane of states that is shown by default."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 

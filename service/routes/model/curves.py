@@ -8,7 +8,6 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
@@ -26,7 +25,7 @@ Damping = Annotated[float, Query(gt=0, le=FARTHEST, allow_inf_nan=False)]
 Eccentricity = Annotated[float, Query(ge=0, le=FARTHEST, allow_inf_nan=False)]
 
 
-class Rectangle(BaseModel):
+class RectangleDocument(BaseModel):
     """A window of the plane."""
 
     delta: tuple[float, float]
@@ -66,7 +65,7 @@ class Tangency(BaseModel):
     )
 
 
-class PointDocument(BaseModel):
+class CurvePointDocument(BaseModel):
     """A codimension-two point."""
 
     name: str
@@ -77,22 +76,22 @@ class PointDocument(BaseModel):
     tangency: list[Tangency]
 
 
-class _Plain(BaseModel):
+class _PlainCurve(BaseModel):
     beta: float
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainCurve
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainCurve)
 
 
 class Curves(_Numbers):
     """The bifurcation curves inside a window, and all codimension-two points of the model."""
 
-    window: Rectangle
+    window: RectangleDocument
     curves: list[CurveDocument]
-    points: list[PointDocument]
+    points: list[CurvePointDocument]
 
 
 @router.get(
@@ -111,7 +110,7 @@ async def curves(
     epsilon_max: Eccentricity = 1.0,
     **added: float | None,
 ) -> Curves:
-    """A curve that does not cross the window has no points."""
+    """Return a curve that does not cross the window has no points."""
     window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
     for name, (low, high) in window.items():
         if not low < high:
@@ -124,9 +123,9 @@ async def curves(
         model,
         window["delta"],
         window["epsilon"],
-        needs=(model.name, Part.CURVES),
+        model=model.name,
         what="The curves",
         advice="Ask for a smaller window.",
     )
     numbers: dict[str, Any] = added_document(model.numbers)
-    return Curves(beta=beta, **numbers, window=Rectangle(**window), **found)
+    return Curves(beta=beta, **numbers, window=RectangleDocument(**window), **found)

@@ -8,13 +8,12 @@ from typing import Any
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.kernels import Part
-from gear_rattle.service.operations.points import intensities, number
+from gear_rattle.service.operations.points import intensities, json_number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
 from gear_rattle.service.routes.model.points import (
     MostImpacts,
-    Point,
+    PointDocument,
     SampleCount,
     SampledSpeed,
     SampleSeed,
@@ -32,7 +31,7 @@ from rattle.models import model_at
 router = APIRouter(prefix="/v1", tags=["points"])
 
 
-class Errors(BaseModel):
+class ErrorsDocument(BaseModel):
     """95 % half-widths of what has the same name: 0 where exact, null if undecided."""
 
     impacts_plus: float | None
@@ -56,7 +55,7 @@ class InSI(BaseModel):
     contact: float | None = Field(description="share of the time in contact")
 
 
-class Rattling(BaseModel):
+class RattlingDocument(BaseModel):
     """How hard an attractor rattles, per forcing period; null if undecided."""
 
     kind: str = Field(description="quiet, periodic, chaotic or undecided")
@@ -72,14 +71,14 @@ class Rattling(BaseModel):
     level: float | None = Field(description="energy in dB relative to 2π²δ², that of A and C; null if quiet")
     contact: float | None = Field(description="share of the time in contact")
     impulse: float | None = Field(description="2πδ in every motion that lasts: an audit")
-    errors: Errors
+    errors: ErrorsDocument
     si: InSI | None = Field(description="null unless a machine was given")
 
 
-class Intensities(Point):
+class IntensitiesDocument(PointDocument):
     """How hard the attractors of one parameter point rattle, by falling fraction."""
 
-    attractors: list[Rattling]
+    attractors: list[RattlingDocument]
 
 
 @router.get(
@@ -95,8 +94,8 @@ async def intensity(
     v_max: SampledSpeed = None,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
-) -> Intensities:
-    """Of a point, or of a machine in SI units. Periodic motions are exact, chaotic ones have error bars."""
+) -> IntensitiesDocument:
+    """Answer for a point, or for a machine in SI units. Periodic motions are exact, chaotic ones have error bars."""
     require_few(front, count)
     found = await in_turn(
         front,
@@ -106,25 +105,25 @@ async def intensity(
         v_max,
         seed,
         budget,
-        needs=(model_at(place.gear).name, Part.ATTRACTORS),
+        model=model_at(place.gear).name,
         what="The intensities",
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )
-    return Intensities(**point_document(place.gear), attractors=[_rattling(place, *each) for each in found])
+    return IntensitiesDocument(**point_document(place.gear), attractors=[_rattling(place, *each) for each in found])
 
 
-def _rattling(place: Place, attractor: Attractor, found: Intensity) -> Rattling:
+def _rattling(place: Place, attractor: Attractor, found: Intensity) -> RattlingDocument:
     values: dict[str, Any] = asdict(found)
     del values["errors"]
     si = None if place.machine is None else place.machine.in_si(found)
-    return Rattling(
+    return RattlingDocument(
         kind=attractor.kind,
         m=attractor.m,
         n_plus=attractor.n_plus,
         n_minus=attractor.n_minus,
         fraction=attractor.fraction,
-        **{name: number(value) for name, value in values.items()},
-        level=number(found.level(natural_energy(place.gear.delta))),
-        errors=Errors(**{name: number(value) for name, value in found.errors._asdict().items()}),
-        si=None if si is None else InSI(**{name: number(value) for name, value in si._asdict().items()}),
+        **{name: json_number(value) for name, value in values.items()},
+        level=json_number(found.level(natural_energy(place.gear.delta))),
+        errors=ErrorsDocument(**{name: json_number(value) for name, value in found.errors._asdict().items()}),
+        si=None if si is None else InSI(**{name: json_number(value) for name, value in si._asdict().items()}),
     )

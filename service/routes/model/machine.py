@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.operations.points import number
+from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
     machine_texts,
@@ -26,8 +26,8 @@ from rattle.models import ADDED, AnyGear, model_of
 router = APIRouter(prefix="/v1", tags=["points"])
 
 
-def positive(description: str, example: float | None = None, *, zero: bool = False) -> Any:
-    """A parameter above 0, or of at least 0."""
+def positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
+    """Return a parameter above 0, or of at least 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
@@ -42,22 +42,22 @@ Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
-    "drive": {name: Annotated[float | None, positive(text)] for name, text in machine_texts().items()},
+    "drive": {name: Annotated[float | None, positive_query(text)] for name, text in machine_texts().items()},
 }
 
 
 @with_queries({"drive": ADDED_QUERIES["drive"]})
 async def machine_of_query(
-    inertia: Annotated[float, positive(INERTIA, 0.003)],
-    drag: Annotated[float, positive(DRAG, 0.0005)],
-    backlash: Annotated[float, positive(LINE, 0.0001)],
-    eccentricity: Annotated[float, positive(ECCENTRICITY, 0.000015, zero=True)],
-    radius: Annotated[float, positive("m, of the base circle", 0.05)],
-    rpm: Annotated[float, positive("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, positive_query(LINE, 0.0001)],
+    eccentricity: Annotated[float, positive_query(ECCENTRICITY, 0.000015, zero=True)],
+    radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """The machine of the query. Raises ParameterError on what can only be in other units."""
+    """Return the machine of the query. Raises ParameterError on what can only be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
 
 
@@ -71,19 +71,19 @@ class Place:
 
 @with_queries(ADDED_QUERIES)
 async def place_of_query(
-    delta: Annotated[float | None, positive("damping; needed without a machine", 0.6)] = None,
-    epsilon: Annotated[float | None, positive("eccentricity; needed without a machine", 0.1, zero=True)] = None,
-    beta: Annotated[float | None, positive("half-backlash, by default 0.6", 0.6)] = None,
-    inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, positive(DRAG)] = None,
-    backlash: Annotated[float | None, positive(LINE)] = None,
-    eccentricity: Annotated[float | None, positive(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, positive("m, of the base circle")] = None,
-    rpm: Annotated[float | None, positive("revolutions per minute")] = None,
+    delta: Annotated[float | None, positive_query("damping; needed without a machine", 0.6)] = None,
+    epsilon: Annotated[float | None, positive_query("eccentricity; needed without a machine", 0.1, zero=True)] = None,
+    beta: Annotated[float | None, positive_query("half-backlash, by default 0.6", 0.6)] = None,
+    inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> Place:
-    """The point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
+    """Return the point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
     needed["rpm"] = rpm
     plain = {"delta": delta, "epsilon": epsilon}
@@ -100,7 +100,7 @@ async def place_of_query(
 
 
 def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
-    """These numbers. Raises RequestValidationError, as any other parameter of a query does, on what is not given."""
+    """Return these numbers. Raises RequestValidationError, as other parameters of a query do, on a missing one."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
@@ -115,8 +115,8 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
 PlaceQuery = Annotated[Place, Depends(place_of_query)]
 
 
-class Units(BaseModel):
-    """What one unit of the model is; multiply by it. null: beyond double precision."""
+class UnitsDocument(BaseModel):
+    """Size of one unit of the model; multiply by it. null: beyond double precision."""
 
     length: float | None = Field(description="m, of Φ along the line of action")
     time: float | None = Field(description="s, a forcing period: a revolution")
@@ -127,22 +127,22 @@ class Units(BaseModel):
     frequency: float | None = Field(description="Hz, of orders")
 
 
-class _Plain(BaseModel):
+class _PlainMachine(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainMachine
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainMachine)
 
 
 class MachineDocument(_Numbers):
     """A machine, two equal gears, as a parameter point, and back."""
 
-    units: Units
+    units: UnitsDocument
     quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
 
 
@@ -153,17 +153,18 @@ class MachineDocument(_Numbers):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Both gears have this inertia, drag and radius. Numbers that can only be in other units, such as millimetres, are
-    refused with what to give instead.
+    """Convert the numbers of a machine; both gears have this inertia, drag and radius.
+
+    Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
-        quiet_limit = number(gear.quiet_limit * found.units.length)
+        quiet_limit = json_number(gear.quiet_limit * found.units.length)
     return MachineDocument(
         delta=gear.delta,
         epsilon=gear.epsilon,
         beta=gear.beta,
         **added_document(found.added),
-        units=Units(**{name: number(value) for name, value in found.units._asdict().items()}),
+        units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
         quiet_limit=quiet_limit,
     )

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
 from gear_rattle.service.operations.notebook import notebook_of
-from gear_rattle.service.routes.model.machine import PlaceQuery, positive
+from gear_rattle.service.routes.model.machine import PlaceQuery, positive_query
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from rattle import ParameterError
@@ -33,11 +33,14 @@ async def notebook(
     span: Annotated[
         float | None, Query(ge=LEAST_SPAN, le=MOST_SPAN, description="of the diagram either way; by default as usual")
     ] = None,
-    to_delta: Annotated[float | None, positive("the diagram goes from the point to this damping instead …")] = None,
-    to_epsilon: Annotated[float | None, positive("… and this eccentricity", zero=True)] = None,
+    to_delta: Annotated[
+        float | None, positive_query("the diagram goes from the point to this damping instead …")
+    ] = None,
+    to_epsilon: Annotated[float | None, positive_query("… and this eccentricity", zero=True)] = None,
 ) -> Response:
-    """Of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram; nothing is computed
-    here.
+    """Write a notebook of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram.
+
+    Nothing is computed here.
     """
     if (to_delta is None) != (to_epsilon is None):
         raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or none")

@@ -10,8 +10,7 @@ from starlette.concurrency import run_in_threadpool
 
 import rattle
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.kernels import Part
-from gear_rattle.service.operations.points import number, orbits_document
+from gear_rattle.service.operations.points import json_number, orbits_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, with_fields
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
@@ -56,7 +55,7 @@ else:
     _Numbers = with_fields(_Plain)
 
 
-class Point(_Numbers):
+class PointDocument(_Numbers):
     """A point of the parameter space of the gear model."""
 
 
@@ -80,7 +79,7 @@ class OrbitDocument(BaseModel):
     stable: bool
 
 
-class MissingLimit(BaseModel):
+class MissingLimitDocument(BaseModel):
     """A limit that is not there at this damping, and what happens instead."""
 
     limit: Literal["sn1", "flip"]
@@ -98,7 +97,7 @@ class OrbitsInSI(BaseModel):
     velocities: list[float | None] = Field(description="of the departures of the orbits, m/s along the line of action")
 
 
-class Orbits(Point):
+class OrbitsDocument(PointDocument):
     """Period-one orbits and analytic limits of one parameter point."""
 
     region: int = Field(ge=1, lt=len(rattle.REGIONS), description="1…5 = I…V, more for another set of orbits")
@@ -106,7 +105,7 @@ class Orbits(Point):
     sn1: float | None = Field(description="epsilon at which A and C are born; null where `missing` says why")
     flip: float | None = Field(description="epsilon at which C loses stability; null where `missing` says why")
     quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
-    missing: list[MissingLimit] = Field(description="limits that are null, and what happens instead")
+    missing: list[MissingLimitDocument] = Field(description="limits that are null, and what happens instead")
     orbits: list[OrbitDocument]
     si: OrbitsInSI | None = Field(description="the same of a machine; null without one")
 
@@ -126,7 +125,7 @@ class AttractorDocument(BaseModel):
     v: float | None = Field(description="speed of a representative point")
 
 
-class Attractors(Point):
+class Attractors(PointDocument):
     """Attractors of one parameter point, by falling fraction."""
 
     count: int
@@ -142,23 +141,23 @@ class Attractors(Point):
     dependencies=[Depends(function_of_query)],
     responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
-async def orbits(front: FrontState, place: PlaceQuery) -> Orbits:
-    """Of a point, or of a machine in SI units."""
+async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
+    """Answer for a point, or for a machine in SI units."""
     gear = place.gear
     model = model_at(gear)
     if model.in_closed_form:
-        await front.kernels.require(model.name, Part.ORBITS)
+        await front.kernels.require(model.name)
         found = await run_in_threadpool(orbits_document, gear)
     else:
         found = await in_turn(
             front,
             orbits_document,
             gear,
-            needs=(model.name, Part.ORBITS),
+            model=model.name,
             what="The orbits",
             advice="Choose another point.",
         )
-    return Orbits(**point_document(gear), **found, si=_orbits_in_si(place, found))
+    return OrbitsDocument(**point_document(gear), **found, si=_orbits_in_si(place, found))
 
 
 def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
@@ -167,7 +166,7 @@ def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
     units = place.machine.units
 
     def of(value: float | None, unit: float) -> float | None:
-        return None if value is None else number(value * unit)
+        return None if value is None else json_number(value * unit)
 
     limits = {name: of(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
     return OrbitsInSI(
@@ -191,7 +190,7 @@ async def attractors(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Attractors:
-    """Of a point, or of a machine in SI units."""
+    """Answer for a point, or for a machine in SI units."""
     gear = place.gear
     require_few(front, count)
     found = await in_turn(
@@ -201,7 +200,7 @@ async def attractors(
         v_max,
         seed,
         budget,
-        needs=(model_at(gear).name, Part.ATTRACTORS),
+        model=model_at(gear).name,
         what="The attractors",
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )
@@ -216,13 +215,13 @@ async def attractors(
 
 
 def point_document(gear: AnyGear) -> dict[str, Any]:
-    """The fields of `Point`."""
+    """Return the fields of `PointDocument`."""
     point = gear.parameters.point()
     return {name: point[name] for name in ("delta", "epsilon", "beta")} | added_document(point)
 
 
 def attractor_document(item: rattle.Attractor) -> AttractorDocument:
-    """An attractor as it is answered."""
+    """Return an attractor as it is answered."""
     return AttractorDocument(
         kind=item.kind,
         m=item.m,
@@ -230,8 +229,8 @@ def attractor_document(item: rattle.Attractor) -> AttractorDocument:
         n_minus=item.n_minus,
         fraction=item.fraction,
         fraction_interval=item.fraction_interval,
-        lyapunov=(number(item.lyapunov[0]), number(item.lyapunov[1])),
-        lyapunov_error=number(item.lyapunov_error),
-        tau=number(item.tau),
-        v=number(item.v),
+        lyapunov=(json_number(item.lyapunov[0]), json_number(item.lyapunov[1])),
+        lyapunov_error=json_number(item.lyapunov_error),
+        tau=json_number(item.tau),
+        v=json_number(item.v),
     )

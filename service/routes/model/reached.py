@@ -1,4 +1,4 @@
-"""Which attractors given states of one parameter point go to."""
+"""Attractors that given states of one parameter point go to."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import Field
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import PlaceQuery
-from gear_rattle.service.routes.model.points import AttractorDocument, Point, attractor_document, point_document
+from gear_rattle.service.routes.model.points import AttractorDocument, PointDocument, attractor_document, point_document
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
@@ -24,8 +23,8 @@ Phase = Annotated[float, Field(allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class Reached(Point):
-    """Where states of one parameter point go."""
+class ReachedDocument(PointDocument):
+    """Destinations of states of one parameter point."""
 
     attractors: list[AttractorDocument] = Field(description="by falling share of these states")
     which: list[int] = Field(description="for each state, the number of its attractor in this list, from 0")
@@ -51,8 +50,8 @@ async def reached(
             min_length=1, max_length=MOST_STATES, description="their speeds, one each or one", examples=[[0.1, 3.77]]
         ),
     ],
-) -> Reached:
-    """tau and v are repeated, once for each state. Of a point, or of a machine in SI units."""
+) -> ReachedDocument:
+    """Answer for a point, or for a machine in SI units; tau and v are repeated, once for each state."""
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit} states here; use the library.")
@@ -62,11 +61,11 @@ async def reached(
         gear.reached,
         tau,
         v,
-        needs=(model_at(gear).name, Part.ATTRACTORS),
+        model=model_at(gear).name,
         what="The ends of the states",
         advice="Ask for fewer states.",
     )
-    return Reached(
+    return ReachedDocument(
         **point_document(gear),
         attractors=[attractor_document(item) for item in found.attractors],
         which=found.which.tolist(),

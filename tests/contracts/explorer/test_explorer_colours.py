@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from colour_difference import difference, lab_of
 
-from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Controls, Uses
+from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, ControlCallbacks, Controls
 from gear_rattle.workers.pictures.largest import colours_of
 from rattle import KINDS
 from rattle.plot.colours import REGION_COLOURS
@@ -58,7 +58,7 @@ def test_regions_and_lines_are_told_apart_without_green() -> None:
 def test_limits_of_a_viewer_s_own_are_taken_over_and_refused_in_words() -> None:
     used: list[str] = []
     names = ("variable", "index", "slice", "limits", "own", "save")
-    controls = Controls("", True, Uses(**{name: lambda name=name: used.append(name) for name in names}))
+    controls = Controls("", True, ControlCallbacks(**{name: lambda name=name: used.append(name) for name in names}))
     seen: Any = SimpleNamespace(low=0.1, high=0.7)
     assert next(iter(LIMIT_NAMES)) == controls.rule == controls.limits((1.0, 2.0), seen)
     controls._rule.value = OWN

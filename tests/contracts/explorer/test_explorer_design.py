@@ -44,17 +44,17 @@ def test_an_ellipse_holds_95_of_100_gears() -> None:
     rng = np.random.default_rng(1)
     inside = np.hypot(*rng.standard_normal((2, 200_000))) < RADIUS
     assert inside.mean() == pytest.approx(0.95, abs=2e-3)
-    line = tolerance.outline(0.6, 0.1, None, Tolerance(0.02, 0.01, 0.9))
+    line = tolerance.tolerance_outline(0.6, 0.1, None, Tolerance(0.02, 0.01, 0.9))
     away = np.hypot((line[:, 0] - 0.6) / 0.02, (line[:, 1] - 0.1) / 0.01)
     np.testing.assert_allclose(away, RADIUS, rtol=1e-12)
 
 
 def test_the_ellipse_of_a_machine_is_one_of_speed_and_eccentricity() -> None:
-    line = tolerance.outline(MACHINE.delta, MACHINE.epsilon, MACHINE, Tolerance(100.0, 2e-6, 0.9))
+    line = tolerance.tolerance_outline(MACHINE.delta, MACHINE.epsilon, MACHINE, Tolerance(100.0, 2e-6, 0.9))
     rpm = 60.0 * MACHINE.drag / (MACHINE.inertia * line[:, 0])
     eccentricity = line[:, 1] * MACHINE.radius
     np.testing.assert_allclose(np.hypot((rpm - 3000) / 100, (eccentricity - 15e-6) / 2e-6), RADIUS, rtol=1e-9)
-    far = tolerance.outline(0.6, 0.01, None, Tolerance(10.0, 10.0, 0.9))
+    far = tolerance.tolerance_outline(0.6, 0.01, None, Tolerance(10.0, 10.0, 0.9))
     assert far.min() >= 0.0  # cut off where no gears are
     assert far[:, 0].min() > 0.0
 
@@ -68,7 +68,7 @@ def test_the_yield_where_it_is_known(gear: AnyGear, quiet: float, monkeypatch: p
     monkeypatch.setattr(Stiff, "design_gears", 8)
     found = tolerance.yield_of(gear, None, Tolerance(0.005, 0.001, 0.9))
     assert (found.quiet.value, found.passing.value) == (quiet, quiet)
-    assert f"{100 * quiet:.1f} % [" in tolerance.in_words(found, 0.9)
+    assert f"{100 * quiet:.1f} % [" in tolerance.yield_in_words(found, 0.9)
 
 
 def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,7 +118,7 @@ def test_every_value_of_a_limit_is_looked_at_once() -> None:
 
 def test_intensities_are_told_in_both_units() -> None:
     attractors = MACHINE.attractors(64)
-    found = rattling.intensities(MACHINE.gear, attractors)
+    found = rattling.motion_intensities(MACHINE.gear, attractors)
     loud = next(i for i, each in enumerate(attractors) if each.n_plus == 2)
     si, plain = (
         loudness.intensity_table(attractors, found, MACHINE.delta, machine, loudness.Palette())
@@ -130,7 +130,7 @@ def test_intensities_are_told_in_both_units() -> None:
     assert "<td>103.2</td>" in si
     assert f"<td>{loudness.number(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
     lost = replace(attractors[loud], tau=0.1, v=1.0)
-    assert rattling.intensities(MACHINE.gear, (lost,)) == (None,)
+    assert rattling.motion_intensities(MACHINE.gear, (lost,)) == (None,)
 
 
 def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

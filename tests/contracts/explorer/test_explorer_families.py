@@ -15,11 +15,11 @@ from waiting import eventually
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Pin, View
 from gear_rattle.service.explorer.families.told import longest
-from gear_rattle.service.explorer.families.view import Families
+from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.further.difference import Difference
 from gear_rattle.service.explorer.map.colouring import colouring, layers_of
 from gear_rattle.service.explorer.map.picture import picture_query
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.state import Front
 from gear_rattle.workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
@@ -52,11 +52,11 @@ def joined(front: Front) -> JobRow:
     return front.database.job(survey_id)
 
 
-def with_families(data: Path, body: Callable[[Front, MapView, Families], Awaitable[None]]) -> None:
+def with_families(data: Path, body: Callable[[Front, MapView, FamiliesView], Awaitable[None]]) -> None:
     """Do this with a map and its families, as a page has them."""
 
     async def both(front: Front, shown: MapView) -> None:
-        families = Families(shown._shared, shown._viewer, "", lambda: shown)
+        families = FamiliesView(shown._shared, shown._viewer, "", lambda: shown)
         await body(front, shown, families)
         families.end()
 
@@ -64,7 +64,7 @@ def with_families(data: Path, body: Callable[[Front, MapView, Families], Awaitab
 
 
 def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, families: Families) -> None:
+    async def body(front: Front, shown: MapView, families: FamiliesView) -> None:
         job = joined(front)
         shown._remember = lambda view: families.follow(view, job)
         shown.choose(job)
@@ -128,7 +128,7 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
 
 
 def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, _families: Families) -> None:
+    async def body(front: Front, shown: MapView, _families: FamiliesView) -> None:
         survey_id = accepted(front, REQUEST).id
         compute(front, survey_id, REQUEST)
         atlas, store = shown._shared.atlas, front.directory.store(survey_id)
@@ -150,7 +150,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
         assert "none" not in shades
         assert shades["empty slot"] == pytest.approx((kinds[slot] == 0).mean())
         i, j = np.argwhere((kinds[slot] == 0) & (kinds > 0).any(axis=0))[0]
-        assert in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
+        assert cell_in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
         moved, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
         np.testing.assert_array_equal(moved.values, kinds[0])  # read anew: they have been moved
         assert is_of_survey_only("attractor_kind", REQUEST)  # windows are not joined
@@ -167,7 +167,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
 
 
 def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, families: Families) -> None:
+    async def body(front: Front, shown: MapView, families: FamiliesView) -> None:
         running, without = done(front, REQUEST), done(front, WITHOUT)
         shown.choose(running)
         families.follow(replace(shown.view, family=3), running)
@@ -185,7 +185,7 @@ def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
 
 
 def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, _: Families) -> None:
+    async def body(front: Front, shown: MapView, _: FamiliesView) -> None:
         plane = shown._shared.plane(joined(front), LARGEST, 0, 0)
         with pytest.raises(SurveyError, match="numbers of their own"):
             Difference(plane, plane)

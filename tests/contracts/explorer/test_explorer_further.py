@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.further.difference import Difference, require_
 from gear_rattle.service.explorer.further.maps import FurtherMaps
 from gear_rattle.service.explorer.further.one import NO_FIRST, FurtherMap
 from gear_rattle.service.explorer.map.colouring import colouring
-from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -53,7 +53,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
     async def body(front: Front, shown: MapView) -> None:
         jobs = done(front, ORBITS), done(front, COARSER)
 
-        def planes(variable: str, index: int) -> list[Plane]:
+        def planes(variable: str, index: int) -> list[MapPlane]:
             return [shown._shared.plane(job, variable, index, 0) for job in jobs]
 
         for variable, index in (("orbit_velocity", 3), ("orbit_phase", 0), ("region", 0)):
@@ -94,7 +94,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
     with_map(tmp_path, body)
 
 
-def _pairs(first: Plane, other: Plane) -> list[tuple[Any, Any, Any]]:
+def _pairs(first: MapPlane, other: MapPlane) -> list[tuple[Any, Any, Any]]:
     """δ and ε of the cells that both have, and the δ of the other one's."""
     near = [(d, other.delta[np.abs(other.delta - d).argmin()]) for d in first.delta[:-1]]
     return [(np.array([d]), np.array([e]), np.array([o])) for d, o in near for e in first.epsilon]
@@ -171,7 +171,7 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
         asked: list[str] = []
         monkeypatch.setattr(difference, "MOST_CELLS", 0)
 
-        def plane(job: JobRow, *_: Any) -> Plane:
+        def plane(job: JobRow, *_: Any) -> MapPlane:
             asked.append(job.id)
             raise SurveyError("It has no numbers yet.")
 
@@ -213,7 +213,7 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         maps = FurtherMaps(shown._shared, shown._viewer, "light", "", lambda: shown)
         sent: list[str] = []
 
-        async def lines(_self: FurtherMap, plane: Plane, *_: Any) -> None:
+        async def lines(_self: FurtherMap, plane: MapPlane, *_: Any) -> None:
             sent.append(plane.id)
 
         monkeypatch.setattr(FurtherMap, "_draw_lines", lines)

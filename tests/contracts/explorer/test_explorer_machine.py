@@ -14,7 +14,7 @@ from waiting import eventually
 import rattle
 from gear_rattle.service.explorer.common.address import Entered
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.tolerance import Tolerance, outline
+from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.state import Front
@@ -77,7 +77,7 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
         drawn = shown.map._ellipse
         assert not len(drawn.data["x"])
         shown._remember_point({"tolerance": "100.0,2e-06,0.9"})
-        expected = outline(machine.delta, machine.epsilon, machine, Tolerance(100.0, 2e-6, 0.9))
+        expected = tolerance_outline(machine.delta, machine.epsilon, machine, Tolerance(100.0, 2e-6, 0.9))
         np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
         shown._close_point()
         assert not len(drawn.data["x"])

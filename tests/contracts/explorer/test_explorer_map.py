@@ -19,14 +19,14 @@ from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.map import planes, shared
 from gear_rattle.service.explorer.map.colouring import NAME, colouring, family_places, values_shown
-from gear_rattle.service.explorer.map.cursor import following, stepped, zoomed
-from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.cursor import cursor_after_steps, following, zoomed
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in
-from gear_rattle.service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
-from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
+from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
-from gear_rattle.workers.pictures.levels import groups_of, overview
+from gear_rattle.workers.pictures.levels import levels_in_groups, overview
 from gear_rattle.workers.survey.levels import grid
 from rattle import KINDS
 from rattle.curves import codimension_two
@@ -74,25 +74,25 @@ def leveled(client: TestClient, survey: str, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.fixture
-def plane(client: TestClient, survey: str) -> Plane:
+def plane(client: TestClient, survey: str) -> MapPlane:
     front = front_of(client)
     found, whole = Atlas(front).plane(front.database.job(survey), "region", 0)
     assert whole
     return found
 
 
-def new_map(**heard: Any) -> Map:
+def new_map(**heard: Any) -> MapFigure:
     names = ("on_point", "on_through", "on_pointer", "on_window", "on_reset")
-    found = Map("light", *(heard.get(name, lambda *_: None) for name in names))
+    found = MapFigure("light", *(heard.get(name, lambda *_: None) for name in names))
     Document().add_root(found.figure)
     return found
 
 
-def shares_of(plane: Plane, block: Block) -> dict[str, float]:
+def shares_of(plane: MapPlane, block: MapBlock) -> dict[str, float]:
     return {shade.label: shade.share for shade in colouring(plane, block, "auto", False).shades}
 
 
-def test_cells_are_drawn_where_they_are(plane: Plane) -> None:
+def test_cells_are_drawn_where_they_are(plane: MapPlane) -> None:
     drawn = new_map()
     drawn.cells(plane.block(), colouring(plane, plane.block(), "auto", False))
     source = drawn.figure.select_one({"name": "cells0"}).data_source.data
@@ -104,7 +104,7 @@ def test_cells_are_drawn_where_they_are(plane: Plane) -> None:
     np.testing.assert_array_equal(source["image"][0], plane.values)
 
 
-def test_a_large_survey_is_drawn_with_what_is_rare_and_whole_where_one_looks_closer(plane: Plane) -> None:
+def test_a_large_survey_is_drawn_with_what_is_rare_and_whole_where_one_looks_closer(plane: MapPlane) -> None:
     room = (8, 8)
     assert plane.is_thinned(room)
     assert not plane.is_thinned((29, 15))
@@ -135,7 +135,7 @@ def test_of_a_survey_with_levels_is_read_what_is_drawn(
     plane, whole = Atlas(front).plane(job, variable, index)
     assert whole
     assert isinstance(plane, LeveledPlane)
-    in_memory = Plane(front, job, variable, index)
+    in_memory = MapPlane(front, job, variable, index)
     in_memory.update(job)
     some = ((plane.delta[3], plane.delta[12]), (plane.epsilon[5], plane.epsilon[11]))
     for window in (None, some):
@@ -158,7 +158,7 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
     with open_survey(store) as survey:
         whole = overview(survey, "region", 0, room, None)
         monkeypatch.setattr("gear_rattle.workers.pictures.levels.of_cells", None)
-        levels = groups_of(partial(open_survey, store), None, True)
+        levels = levels_in_groups(partial(open_survey, store), None, True)
         drawn = overview(survey, "region", 0, room, levels)
     xr.testing.assert_identical(drawn, whole)
     assert drawn.region.shape == (8, 15)
@@ -166,13 +166,13 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
 
 
 def test_a_map_that_takes_long_is_read_a_piece_at_a_time(
-    client: TestClient, survey: str, plane: Plane, monkeypatch: pytest.MonkeyPatch
+    client: TestClient, survey: str, plane: MapPlane, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(planes, "BAND", 1)
     clock = iter(np.arange(0.0, 1e3, 0.6))
     monkeypatch.setattr(planes, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     job = front_of(client).database.job(survey)
-    slow = Plane(front_of(client), job, "region", 0)
+    slow = MapPlane(front_of(client), job, "region", 0)
     known = []
     while not slow.update(job):
         known.append(int((slow.status > 0).sum()))
@@ -181,7 +181,7 @@ def test_a_map_that_takes_long_is_read_a_piece_at_a_time(
     assert (slow.status > 0).all()
 
 
-def test_legend_colours_and_limits_are_the_map_s(plane: Plane) -> None:
+def test_legend_colours_and_limits_are_the_map_s(plane: MapPlane) -> None:
     block = plane.block()
     found = colouring(plane, block, "auto", False)
     for shade in found.shades:
@@ -274,7 +274,7 @@ def test_attractors_have_phases_that_mean_something(
     assert "attractor 0, of those of a cell by falling share" in found.title
     many = np.ones((40, 50), np.float32)
     many[0, 0], many[1:3] = 144.0, 2.0
-    same = Block(np.linspace(0, 1, 50), np.linspace(0, 1, 40), many, np.ones(many.shape, np.int8), phases.box)
+    same = MapBlock(np.linspace(0, 1, 50), np.linspace(0, 1, 40), many, np.ones(many.shape, np.int8), phases.box)
     assert colouring(periods, same, "auto", False).high == 2.0  # one long period is not what colours are for
     assert colouring(periods, same, "full", False).high == 144.0
 
@@ -303,14 +303,17 @@ def test_what_is_clicked_is_delta_and_epsilon() -> None:
     assert (clicked, through) == ([(0.6, 0.1)], [(0.7, 0.2)])
 
 
-def test_the_cursor_steps_through_cells(plane: Plane) -> None:
+def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
     window = plane.box
     at = (plane.delta[10], plane.epsilon[5])
-    assert stepped(plane, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
-    assert stepped(plane, at, window, [0, 0, 1, -1]) == (plane.delta[13], plane.epsilon[3])  # tenths of the window
-    assert stepped(plane, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
+    assert cursor_after_steps(plane, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
+    assert cursor_after_steps(plane, at, window, [0, 0, 1, -1]) == (
+        plane.delta[13],
+        plane.epsilon[3],
+    )  # tenths of the window
+    assert cursor_after_steps(plane, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
     narrow = ((at[0], at[0] + 4e-3), (at[1], at[1] + 4e-3))
-    assert stepped(plane, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
+    assert cursor_after_steps(plane, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
     assert following(narrow, at) == narrow
     (low, high), (bottom, top) = following(narrow, (at[0] + 5e-3, at[1]))
     assert (high - low, bottom, top) == pytest.approx((4e-3, *narrow[1]))
@@ -322,22 +325,24 @@ def test_the_cursor_steps_through_cells(plane: Plane) -> None:
     assert high - low == pytest.approx(3 * (window[0][1] - window[0][0]))
 
 
-def test_a_cell_in_words(plane: Plane) -> None:
-    said = in_words(plane, 0.6, 0.11, plane.box)
+def test_a_cell_in_words(plane: MapPlane) -> None:
+    said = cell_in_words(plane, 0.6, 0.11, plane.box)
     assert said.startswith("δ 0.6000, ε 0.1100: region of the plane")
     assert said.endswith(f", {REGIONS[int(plane.values[5, 9])]}")
-    assert in_words(plane, 2.0, 0.11, plane.box).endswith("outside of the survey")
+    assert cell_in_words(plane, 2.0, 0.11, plane.box).endswith("outside of the survey")
     cell = plane.cell(0.607, 0.113)
     assert cell is not None
     assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])
 
 
-def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(plane: Plane, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
+    plane: MapPlane, monkeypatch: pytest.MonkeyPatch
+) -> None:
     drawn, other = list[Any](), copy(plane)  # the same cells, of another survey or computed again
     monkeypatch.setattr(shared, "colouring", lambda *of: drawn.append(of) or len(drawn))
     shared.drawn.cache_clear()
 
-    def draw(of: Plane, log: bool, side: int = 20) -> Any:
+    def draw(of: MapPlane, log: bool, side: int = 20) -> Any:
         return shared.drawn(ref(of), "auto", log, (side, side))[1]
 
     assert draw(plane, False) == draw(plane, False) == 1
@@ -384,7 +389,7 @@ def test_names_of_families_are_as_far_apart_as_their_letters_are_wide(room: tupl
     codes = np.repeat(np.tile(np.arange(1, 9), 5).reshape(5, 8), 12, axis=1).repeat(20, axis=0)
     codes += np.repeat(8 * (np.arange(5) % 3), 20)[:, None]
     delta, epsilon = np.linspace(0.4, 1.0, codes.shape[1]), np.linspace(0.0, 0.3, codes.shape[0])
-    block = Block(delta, epsilon, codes.astype(np.float32), np.ones_like(codes, np.int8), ((0.4, 1.0), (0.0, 0.3)))
+    block = MapBlock(delta, epsilon, codes.astype(np.float32), np.ones_like(codes, np.int8), ((0.4, 1.0), (0.0, 0.3)))
     places = family_places(block, {code: f"{code}: P(1,{code},0)" for code in range(1, 25)}, room)
     at = [((x - 0.4) / 0.6 * room[0], y / 0.3 * room[1]) for x, y in places.values()]
     assert len(at) > 1

@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from service_support import BODY, front_end
 from waiting import wait_until
 
-from gear_rattle.service.explorer.common.news import Listener, News, Standing
+from gear_rattle.service.explorer.common.news import JobStatus, Listener, News
 
 
 def submit(client: TestClient, name: str) -> None:
@@ -21,7 +21,7 @@ def test_who_comes_after_the_others_have_left_is_told_of_what_came_meanwhile(tmp
         news: News = client.app.state.explorer._news
 
         def listener(name: str) -> Listener:
-            def heard(standings: Sequence[Standing]) -> None:
+            def heard(standings: Sequence[JobStatus]) -> None:
                 told[name].append([each.job.name for each in standings])
 
             return heard

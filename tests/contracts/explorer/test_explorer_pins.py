@@ -19,12 +19,12 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View
-from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.page import Page
 from gear_rattle.service.explorer.pins import view
-from gear_rattle.service.explorer.pins.table import COMPUTED, Known, csv_of, known, lines_of
+from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_of, lines_of, results_of_point
 from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
@@ -35,8 +35,8 @@ COUNT = 64
 
 
 @pytest.fixture(scope="module")
-def told() -> dict[Pin, Known | str]:
-    return {pin: known(pin, COUNT) for pin in (HERE, QUIET)}
+def told() -> dict[Pin, PinResults | str]:
+    return {pin: results_of_point(pin, COUNT) for pin in (HERE, QUIET)}
 
 
 def parsed(view: View) -> View:
@@ -60,7 +60,7 @@ def test_pins_that_cannot_be_read_are_none(text: str) -> None:
     assert View.parse({"pins": [text.encode()]}).pins == ()
 
 
-def test_the_table_says_what_the_library_does(told: dict[Pin, Known | str]) -> None:
+def test_the_table_says_what_the_library_does(told: dict[Pin, PinResults | str]) -> None:
     lines = {name: cells for name, *cells in lines_of((HERE, QUIET, STIFF), told)}
     assert lines["Damping δ"] == ["0.6", "0.9", "0.333333"]
     assert lines["Stiffness κ"] == ["–", "–", "10000"]
@@ -74,7 +74,7 @@ def test_the_table_says_what_the_library_does(told: dict[Pin, Known | str]) -> N
     assert lines_of((STIFF,), {STIFF: "Too many points."})[4] == ["Region", "Too many points."]
 
 
-def test_the_csv_is_read_back_to_the_same_bits(told: dict[Pin, Known | str]) -> None:
+def test_the_csv_is_read_back_to_the_same_bits(told: dict[Pin, PinResults | str]) -> None:
     rows = list(csv.DictReader(io.StringIO(csv_of((HERE, QUIET, STIFF), told))))
     expected = [
         (pin, each) for pin, gear in ((HERE, rattle.Gear(0.6, 0.1)), (QUIET, rattle.Gear(0.9, 0.01)))
@@ -104,7 +104,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
             self._task = asyncio.get_running_loop().create_task(work)
             return self._task
 
-        async def compute(self, _function: Any, pin: Pin, *_: Any, **__: Any) -> Known:
+        async def compute(self, _function: Any, pin: Pin, *_: Any, **__: Any) -> PinResults:
             at_work.append(pin)
             await asyncio.sleep(0)
             assert at_work.pop() == pin
@@ -185,7 +185,7 @@ def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(
         page._section = page._further = page._families = told
         page._pins = cast(Pins, SimpleNamespace(follow=offered.append, pins=(QUIET, Pin(0.6, 0.1, 0.5))))
         page._follow()
-        shown.follow(Standing(job, None, None))
+        shown.follow(JobStatus(job, None, None))
         page._follow()  # as news does
         assert offered == [None, Pin(0.6, 0.1, 0.5)]
         assert shown.map._pinned.data["name"] == ["2"]  # that of its gear

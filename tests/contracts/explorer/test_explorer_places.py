@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_W
 from gear_rattle.service.explorer.map.cursor import History
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.explorer.point.diagram import table
+from gear_rattle.service.explorer.point.diagram import diagram_table
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front
@@ -101,7 +101,7 @@ def test_the_way_to_another_point_has_the_events_between() -> None:
     assert born.epsilon == pytest.approx(rattle.Gear(born.delta, born.epsilon).sn1, abs=1e-9)
     assert max(abs(each - 1.0) for each in born.multipliers[:1]) < 1e-4  # one of them is 1, the other e^(−δ)
     assert abs(born.multipliers[0] * born.multipliers[1] - np.exp(-born.delta)) < 1e-9
-    said = table(found)
+    said = diagram_table(found)
     for each in named.values():
         assert f'data-point="{each.delta!r},{each.epsilon!r}"' in said
     assert f"{len(found.events)} events" in said

@@ -21,10 +21,10 @@ import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.point import parts, words, work
-from gear_rattle.service.explorer.point.basins import MOST_NAMED, legend
+from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
 from gear_rattle.service.explorer.point.diagram import DiagramPicture
 from gear_rattle.service.explorer.point.diagram import legend as diagram_legend
-from gear_rattle.service.explorer.point.motion import caption
+from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines, Marks, Stroke
 from gear_rattle.service.explorer.point.state import PointState
@@ -131,7 +131,7 @@ def test_a_diagram_stays_inside_the_plane(delta: float, epsilon: float) -> None:
 
 def test_a_view_where_real_gears_are_has_their_scales() -> None:
     gear = rattle.Gear(0.003632, 5.8468e-4, 0.0047582)
-    highest = parts.highest_speed(gear.delta, gear.epsilon, gear.beta)
+    highest = parts.largest_sampled_speed(gear.delta, gear.epsilon, gear.beta)
     assert highest == pytest.approx(1.5 * np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon)
     assert parts.basins(gear, 20, "cells").v_max == highest
     for line in parts.lines(gear).lines:
@@ -140,7 +140,7 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     low, high = diagrams.diagram_span(gear, "epsilon")
     assert high - low < gear.epsilon
     more = rattle.Gear(0.03, 0.005, 0.03)  # more damping: a margin of weak damping takes a while
-    assert parts.margin(more).v_max == parts.highest_speed(more.delta, more.epsilon, more.beta) < 7
+    assert parts.margin(more).v_max == parts.largest_sampled_speed(more.delta, more.epsilon, more.beta) < 7
     assert PointState.read({"tau": "0.3", "v": "0.02"}, highest).start == (0.3, 0.02)
     assert PointState.read({"tau": "0.3", "v": "4"}, highest).start is None
 
@@ -165,7 +165,7 @@ def test_a_legend_of_many_basins_names_the_largest() -> None:
         attractors=tuple(replace(found.attractors[1], n_plus=k) for k in range(1, 41)),
         labels=np.repeat(np.arange(40), 40).reshape(40, 40),
     )
-    said = legend(many, (), Palette())
+    said = basins_legend(many, (), Palette())
     assert said.count("<li>") == MOST_NAMED + 1
     assert f"and {40 - MOST_NAMED} more, {100 * (40 - MOST_NAMED) / 40:.3g} % in all" in said
 
@@ -191,9 +191,11 @@ def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
 def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
     attractor = replace(rattle.Gear(0.6, 0.1).attractors(64)[-1], kind="periodic", m=8, n_plus=8, n_minus=6)
     shown = rattle.Gear(0.6, 0.1).trajectory(attractor.tau, attractor.v, 24.0, 100)
-    assert "8 impacts on the wall Φ = β and 6 on Φ = −β every 8 forcing periods" in caption(shown, "it", attractor)
+    assert "8 impacts on the wall Φ = β and 6 on Φ = −β every 8 forcing periods" in motion_caption(
+        shown, "it", attractor
+    )
     cut = f"{np.count_nonzero(shown.impact_wall == 1)} impacts on the wall Φ = β"
-    assert f"{cut} and 0 on Φ = −β in 24 forcing periods" in caption(shown, "it")
+    assert f"{cut} and 0 on Φ = −β in 24 forcing periods" in motion_caption(shown, "it")
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])

@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.places.exact import Exact
 from gear_rattle.service.explorer.point.diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import spanned
-from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed, in_words, profile_of
+from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
 from gear_rattle.service.explorer.section.section import NO_WAY, Section
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -59,14 +59,14 @@ def test_a_profile_has_the_values_of_the_cells_that_are_crossed(
 
 def test_a_line_crosses_cells_one_after_the_other() -> None:
     box, shape = ((0.0, 4.0), (0.0, 3.0)), (3, 4)
-    at, row, column = crossed(box, shape, ((0.5, 0.5), (3.5, 2.5)))
+    at, row, column = crossed_cells(box, shape, ((0.5, 0.5), (3.5, 2.5)))
     assert at == pytest.approx([0, 1 / 6, 1 / 4, 1 / 2, 3 / 4, 5 / 6, 1])
     assert row.tolist() == [0, 0, 1, 1, 2, 2]
     assert column.tolist() == [0, 1, 1, 2, 2, 3]
-    at, row, column = crossed(box, shape, ((-1.0, 1.5), (1.0, 1.5)))
+    at, row, column = crossed_cells(box, shape, ((-1.0, 1.5), (1.0, 1.5)))
     assert at.tolist() == [0, 0.5, 1]
     assert (row.tolist(), column.tolist()) == ([-1, 1], [-1, 0])
-    at, row, column = crossed(box, shape, ((1.5, 1.5), (1.5, 1.5)))  # no way at all
+    at, row, column = crossed_cells(box, shape, ((1.5, 1.5), (1.5, 1.5)))  # no way at all
     assert (at.tolist(), row.tolist(), column.tolist()) == ([0, 1], [1], [1])
 
 
@@ -76,7 +76,7 @@ def test_gaps_are_where_a_map_has_no_value(exact: Exact) -> None:
     lengths, none = np.diff(found.at), np.isnan(found.values)
     assert 0 < found.gaps["no such orbit"] < 1
     assert found.gaps["no such orbit"] == pytest.approx(lengths[none].sum())
-    assert f"Gaps: {found.gaps['no such orbit']:.2g} of the way: no such orbit" in in_words(found)
+    assert f"Gaps: {found.gaps['no such orbit']:.2g} of the way: no such orbit" in profile_in_words(found)
     low, high = spanned(found)
     assert low < np.nanmin(found.values) <= np.nanmax(found.values) < high
     drawn = np.repeat(found.values, 2)

@@ -18,7 +18,7 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Pair, View
-from gear_rattle.service.explorer.common.news import News, Standing
+from gear_rattle.service.explorer.common.news import JobStatus, News
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
@@ -313,7 +313,7 @@ def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
 def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
     async def body(front: Front, _shown: MapView) -> None:
         job = accepted(front, THIRD)
-        row = row_of(Standing(job, None, None), View(survey=job.id, variable="region", slice=1), True)
+        row = row_of(JobStatus(job, None, None), View(survey=job.id, variable="region", slice=1), True)
         assert (row["size"], row["slice"]) == ("6 × 4 × 2", ["beta", 1])
         assert ["β", "0.5 … 0.6, 2 values"] in row["facts"]
 
@@ -373,12 +373,12 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
         await eventually(lambda: cells(shown))
         assert shown.view.variable == "region"
         front.database.set_state(job.id, State.RUNNING)
-        shown.follow(Standing(front.database.job(job.id), None, None))
+        shown.follow(JobStatus(front.database.job(job.id), None, None))
         await eventually(lambda: "The first cells of this survey" in shown._title.html)
         assert shown.view.variable == shown._controls.variable == "quiet_fraction"
         for number in (0, 1):
             compute(front, job.id, asked, slice(number, number + 1))
-            shown.follow(Standing(front.database.job(job.id), None, None))
+            shown.follow(JobStatus(front.database.job(job.id), None, None))
             left = 1 - front.database.job(job.id).cells_done / asked.n_cells
             await eventually(lambda left=left: shown._colours and shown._colours.shades[0].share == pytest.approx(left))
             assert shown._colours is not None
@@ -387,15 +387,15 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
         shown._controls._variable.value = "region"
         await eventually(lambda: "before the survey has come" in shown._title.html)
         front.database.set_state(job.id, State.ACCEPTED)  # it waits for its turn again
-        shown.follow(Standing(front.database.job(job.id), None, None))
+        shown.follow(JobStatus(front.database.job(job.id), None, None))
         front.database.set_state(job.id, State.RUNNING)
-        shown.follow(Standing(front.database.job(job.id), None, None))
+        shown.follow(JobStatus(front.database.job(job.id), None, None))
         assert shown.view.variable == "region"  # which was chosen
         shown.show_usual_variable()  # as where another survey has been submitted
         shown.choose(accepted(front, asked.model_copy(update={"beta": 0.5})))
         assert shown.view.variable == "region"
         front.database.set_state(shown.view.survey, State.RUNNING)
-        shown.follow(Standing(front.database.job(shown.view.survey), None, None))
+        shown.follow(JobStatus(front.database.job(shown.view.survey), None, None))
         assert shown.view.variable == "quiet_fraction"
 
     with_map(tmp_path, body)
@@ -416,7 +416,7 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
         assert (plane.values == rattle.regions(delta[None], epsilon[:, None], 0.5)).all()
         front.database.set_state(job.id, State.RUNNING)
         compute(front, job.id, asked, slice(1))
-        shown.follow(Standing(front.database.job(job.id), None, None))
+        shown.follow(JobStatus(front.database.job(job.id), None, None))
         await eventually(lambda: "before the survey has come" in shown._title.html)
         assert shown._plane is plane
         first, last = (plane.cell(delta[each], epsilon[each]) for each in (0, -1))

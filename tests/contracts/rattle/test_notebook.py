@@ -6,7 +6,6 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
-import numpy as np
 import pytest
 
 import rattle
@@ -77,7 +76,10 @@ def test_a_branch_becomes_a_table_and_labelled_arrays(branch: Any) -> None:
     orbit = branch.orbit(3)
     assert table.tau[3] == pytest.approx(orbit.tau, abs=1e-12)
     assert table.v[3] == pytest.approx(orbit.v, abs=1e-12)
-    assert (table.kappa == branch.kappa).all()
+    assert [*branch.added] == (["kappa"] if isinstance(branch, stiff.StiffBranch) else [])
+    for name, values in branch.added.items():
+        assert (table[name] == values).all()
+        assert (arrays[name].values == values).all()
 
 
 def test_basins_become_a_labelled_picture() -> None:
@@ -126,10 +128,10 @@ def test_a_diagram_tells_what_happens_where() -> None:
 def test_a_branch_begins_at_what_orbits_gives() -> None:
     whole = rattle.branch(rattle.periodic_orbit(0.6, 0.089, D.tau, D.v), "epsilon", (0.088, 0.09), resolution=8)
     assert (whole.epsilon == BRANCH.epsilon).all()
-    assert (D.delta, D.epsilon, D.beta, D.kappa) == (0.6, 0.089, 0.6, np.inf)
+    assert (D.delta, D.epsilon, D.beta, D.added) == (0.6, 0.089, 0.6, {})
     assert rattle.fate(C, 0.6, 0.0891).epsilon == 0.0891  # type: ignore[union-attr]
     soft = STIFF.orbits()[0]
-    assert (soft.delta, soft.epsilon, soft.beta, soft.kappa) == (0.6, 0.089, 0.6, 1e4)
+    assert (soft.delta, soft.epsilon, soft.beta, soft.added) == (0.6, 0.089, 0.6, {"kappa": 1e4})
     with pytest.raises(rattle.ParameterError, match=r"rattle\.stiff\.stiff_branch"):
         rattle.branch(soft)
     with pytest.raises(rattle.ParameterError, match=r"rattle\.branch"):

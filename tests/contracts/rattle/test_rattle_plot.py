@@ -24,7 +24,7 @@ from rattle.attractors.basins import Basins, boundary
 from rattle.curves import trace
 from rattle.impacting.orbits.period_one import regions as region_of
 from rattle.orbits.period_one import PAPER_REGIONS, REGIONS
-from rattle.plot import FIGURES, basins, colour, draw, name_of, plane, save
+from rattle.plot import FIGURES, basins, colour, draw, legend_name, plane, save
 from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
 from rattle.plot.paper_figures import Range, Takes, parse, request
@@ -143,7 +143,7 @@ def test_a_legend_names_the_largest_basins_of_many() -> None:
 def test_a_type_has_one_colour_and_one_name(figure_4: Figure, figure_6: Figure) -> None:
     for shown in (legend(figure_4), legend(figure_6)):
         for attractor in Gear(0.6, 0.1).attractors(64):
-            assert shown[name_of(attractor)] == to_rgb(colour(attractor))
+            assert shown[legend_name(attractor)] == to_rgb(colour(attractor))
     assert legend(figure_4)["P(1,1,0)"] == to_rgb(colour((1, 1, 0)))
     assert next(iter(legend(figure_4))) == "quiet"
     assert list(legend(figure_4))[-1] == "chaotic"
@@ -221,7 +221,7 @@ def check_boxes(axes: Axes) -> None:
 
 def test_lines_are_folded_at_the_sides() -> None:
     tau = np.linspace(-0.75, 1.55, 24)
-    line = basins.folded(tau, 1.0 + tau, v_max=2.2)
+    line = basins.fold_line(tau, 1.0 + tau, v_max=2.2)
     real = line[~np.isnan(line[:, 0])]
     assert np.isnan(line[:, 0]).sum() == 3
     assert ((real[:, 0] >= 0) & (real[:, 0] <= 1)).all()

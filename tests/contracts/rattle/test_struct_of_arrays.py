@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.attractors.samples import Outcome, doubled, empty_tables
+from rattle.attractors.samples import Outcome, empty_tables, with_twice_the_room
 from rattle.numerics import StructOfArrays
 
 
@@ -62,7 +62,7 @@ def test_kernels_take_a_table_over_the_same_memory_as_a_type_that_another_proces
         assert all(getattr(taken, name) is x for name, x in known.columns().items())
         kind = numba.typeof(taken)
         assert pickle.loads(pickle.dumps(kind)) == kind
-        wider = doubled(known)
+        wider = with_twice_the_room(known)
         assert wider.n is known.n
         assert {x.shape[1] / known.columns()[name].shape[1] for name, x in wider.columns().items() if name != "n"} == {
             2.0

@@ -11,7 +11,7 @@ from waiting import eventually
 
 from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs import broadcast
-from gear_rattle.service.jobs.broadcast import Broadcast, written
+from gear_rattle.service.jobs.broadcast import Broadcast, written_event
 
 PAGE = 7
 KEPT = 10
@@ -48,7 +48,7 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
             grown.clear()
             later = feed.after(found[-1] if found else seen)
             if later is None:
-                later = written(survey.read("x", found[-1] if found else seen))
+                later = written_event(survey.read("x", found[-1] if found else seen))
             found += [event.id for event in later]
             if not later:
                 await grown.wait()

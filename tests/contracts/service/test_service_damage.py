@@ -17,7 +17,7 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.database import Database, DoneTile
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.address import View
-from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.map.shared import shown_first
 from gear_rattle.service.explorer.page.rows import row_of
 from gear_rattle.service.settings import Settings
@@ -210,7 +210,7 @@ def test_the_explorer_lists_a_damaged_one_and_shows_another(tmp_path: Path) -> N
         ids = [client.post("/v1/surveys?force=true", json=BODY).json()["id"] for _ in range(2)]
         database = front_of(client).database
         damage(database, ids[1], "'{'")
-        standings = [Standing(job, None, None) for job in database.jobs(2)[0]]
+        standings = [JobStatus(job, None, None) for job in database.jobs(2)[0]]
         rows = [row_of(each, View(survey=ids[1]), owned=True) for each in standings]
         assert [(row["id"], row["state"], row["variable"]) for row in rows] == [
             (ids[1], "failed", ""),

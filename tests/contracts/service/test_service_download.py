@@ -20,11 +20,11 @@ from gear_rattle.service.database.tables import State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import Atlas
-from gear_rattle.service.explorer.page.form import in_words
+from gear_rattle.service.explorer.page.form import cost_in_words
 from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_like
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from gear_rattle.workers.storage.store import open_groups
-from gear_rattle.workers.survey.values.schema import Form
+from gear_rattle.workers.survey.values.schema import RowForm
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -116,8 +116,8 @@ def test_a_tidy_table_has_a_row_for_each_attractor_or_orbit(client: TestClient, 
             assert float(row["orbit_multiplier_real_1"]) == one.orbit_multiplier.sel(multiplier=1).real
 
 
-@pytest.mark.parametrize("form", Form)
-def test_parquet_holds_the_same_table(client: TestClient, running: str, form: Form) -> None:
+@pytest.mark.parametrize("form", RowForm)
+def test_parquet_holds_the_same_table(client: TestClient, running: str, form: RowForm) -> None:
     here = f"/v1/surveys/{running}/download"
     answer = client.get(f"{here}.parquet", params={"form": form})
     assert answer.status_code == 200, answer.text
@@ -209,5 +209,5 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     assert 0 < cell_seconds(other) < 1
     of_all, at_most = (asyncio.run(estimate(front, each)) for each in (more, refined))
     assert (at_most.seconds, at_most.is_most, of_all.is_most) == (of_all.seconds, True, False)
-    assert "at most about" in in_words(at_most)
-    assert "if all cells were computed" in in_words(at_most)
+    assert "at most about" in cost_in_words(at_most)
+    assert "if all cells were computed" in cost_in_words(at_most)

@@ -13,7 +13,7 @@ from service_support import IN_A_THREAD, assert_problem, front_end, front_of, id
 from waiting import HANG, wait_until
 
 from gear_rattle.service.app import create_app
-from gear_rattle.service.kernels import Kernels, Part
+from gear_rattle.service.kernels import WORKS, Kernels
 from gear_rattle.service.settings import Settings
 from rattle.models import Impacting, Stiff
 
@@ -26,14 +26,14 @@ POINTS = (
 
 
 @pytest.fixture
-def notes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Path]:
-    """Where it would be written, part by part, that all is compiled, and is not."""
+def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Where it would be written that all is compiled, and is not."""
     monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
-    return [tmp_path / f"{part}-{Impacting.name}.note" for part in Part]
+    return tmp_path / f"everything-{Impacting.name}.note"
 
 
 @pytest.fixture
-def compiling(monkeypatch: pytest.MonkeyPatch, notes: list[Path]) -> list[Kernels]:  # noqa: ARG001 - nothing is compiled yet
+def compiling(monkeypatch: pytest.MonkeyPatch, note: Path) -> list[Kernels]:  # noqa: ARG001 - nothing is compiled yet
     """Kernels whose compilation never ends: those of every application that asks for them."""
     begun: list[Kernels] = []
 
@@ -62,8 +62,7 @@ def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list
         wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
         health, ready = client.get("/v1/health").json(), client.get("/v1/ready")
         kernels = front_of(client).kernels
-        for part in Part:
-            client.portal.call(kernels._ready[Impacting.name, part].set)
+        client.portal.call(kernels._ready[Impacting.name].set)
         assert health["status"] == "warming"
         assert_problem(ready, 503, "Kernels are being compiled")
         assert [each.result(HANG).status_code for each in asked] == [200] * len(POINTS)
@@ -75,7 +74,7 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels])
         first = threads.submit(client.get, POINTS[0])
         wait_until(lambda: compiling and compiling[0]._waiting)
         second = client.get(POINTS[1])
-        client.portal.call(front_of(client).kernels._ready[Impacting.name, Part.ORBITS].set)
+        client.portal.call(front_of(client).kernels._ready[Impacting.name].set)
         assert_problem(second, 503, "Kernels are being compiled")
         assert first.result(HANG).status_code == 200
 
@@ -85,20 +84,20 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
     with front_end(tmp_path, max_point_seconds=0.05) as client:
         kernels = front_of(client).kernels
         client.portal.call(kernels.begin)
-        assert not any(model == Stiff.name for model, _ in kernels._ready)
+        assert Stiff.name not in kernels._ready
         assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, "Kernels are being compiled")
-        assert any(model == Stiff.name for model, _ in kernels._ready)
+        assert Stiff.name in kernels._ready
 
 
-@pytest.mark.usefixtures("notes")
+@pytest.mark.usefixtures("note")
 def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the work of each part compiles is tested below."""
-    works: list[str] = []
+    """What each of the works compiles is tested below."""
+    works: list[tuple[str, str, str]] = []
 
-    async def compiled(_module: str, work: str, model: str) -> None:
-        works.append(f"{work} {model}")
+    async def compiled(_compile: object, module: str, work: str, model: str, **_how: object) -> None:
+        works.append((module, work, model))
 
-    monkeypatch.setattr("gear_rattle.service.kernels._apart", compiled)
+    monkeypatch.setattr("gear_rattle.service.kernels.to_process.run_sync", compiled)
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
         client.portal.call(front_of(client).kernels.begin)
         wait_until(lambda: client.get("/v1/ready").status_code == 200)
@@ -106,7 +105,7 @@ def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monk
         assert client.get("/v1/health").json()["status"] == "ok"
         front_of(client).manager.storage_state = "unavailable: full"
         assert_problem(client.get("/v1/ready"), 503, "/v1/health")
-    assert works == [f"{work} impacting" for work in ("orbits", "curves", "survey", "attractors", "point")]
+    assert works == [(*work, Impacting.name) for work in WORKS]
 
 
 @pytest.mark.usefixtures("compiling")
@@ -118,7 +117,7 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
     assert not kernels.at_work
 
 
-@pytest.mark.usefixtures("notes")
+@pytest.mark.usefixtures("note")
 def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests compile what they need then."""
     monkeypatch.setattr("gear_rattle.service.kernels.compile_apart", die)
@@ -129,10 +128,9 @@ def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch
 
 
 def test_what_another_process_has_compiled_is_not_waited_for(
-    tmp_path: Path, compiling: list[Kernels], notes: list[Path]
+    tmp_path: Path, compiling: list[Kernels], note: Path
 ) -> None:
-    for note in notes:
-        note.touch()
+    note.touch()
     with front_end(tmp_path, points=IN_A_THREAD, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         assert not compiling
@@ -151,7 +149,7 @@ from rattle.models import MODELS, Capability
 from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
-from gear_rattle.service.kernels import WORK
+from gear_rattle.service.kernels import WORKS
 from rattle.numerics.compile import compile_apart
 from gear_rattle.service.routes.model.basins import _draw
 from gear_rattle.service.operations import diagrams
@@ -160,7 +158,7 @@ from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 from gear_rattle.workers.survey.template import template_of
 
 name = sys.argv[1]
-compile_apart(WORK, "everything", name)
+compile_apart(*WORKS[-1], name)
 needed = []
 
 
@@ -181,7 +179,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
     point_parts.chances(gear, 16)
     for method in ("cells", "refined", "direct"):
         point_parts.basins(gear, 20, method)
-    point_parts.motion(gear, 0.3, 4.0, 1.0, 2)
+    point_parts.motion_from(gear, 0.3, 4.0, 1.0, 2)
     point_parts.lines(gear)
     if Capability.MARGIN in model.has:
         point_parts.margin(gear)

@@ -20,7 +20,7 @@ from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 from waiting import HANG, wait_until
 
-from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.page import mount, pages
 from gear_rattle.service.explorer.point import work
@@ -56,7 +56,7 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = list[str]()
-    cells = Map.cells
+    cells = MapFigure.cells
 
     async def prepare(_: Any) -> None:
         seen.append("processes")
@@ -66,7 +66,7 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
         seen.append("map")
 
     monkeypatch.setattr(work, "prepare", prepare)
-    monkeypatch.setattr(Map, "cells", drawn)
+    monkeypatch.setattr(MapFigure, "cells", drawn)
     with front_end(tmp_path, preload=True) as client:
         for pages in (1, 2):
             client.get("/page")

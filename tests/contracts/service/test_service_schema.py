@@ -27,7 +27,7 @@ from gear_rattle.service.access.keys import add_key
 from gear_rattle.service.app import create_app
 from gear_rattle.service.cli import app as cli
 from gear_rattle.service.client import Client
-from gear_rattle.service.database.tables import Kind, Scope, State
+from gear_rattle.service.database.tables import JobKind, Scope, State
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.jobs import manager
 from gear_rattle.service.operations import estimate, windows
@@ -102,14 +102,14 @@ LEFT_OUT = "use_after_free"
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The stores of a survey, with its certificates, and of a population, whole."""
     path = tmp_path_factory.mktemp("finished")
-    for kind, request in ((Kind.SURVEY, SurveyRequest(**BODY)), (Kind.POPULATION, request_of(POPULATION))):
+    for kind, request in ((JobKind.SURVEY, SurveyRequest(**BODY)), (JobKind.POPULATION, request_of(POPULATION))):
         store = path / kind
         create_store(request, store)
         for tile in tiles_of(request):
             write_tile(request, str(store), tile, compute_tile(request, tile)[0])
         finish_store(store)
-    with open_survey(path / Kind.SURVEY) as survey:
-        certify_survey(survey, certificates_of(path / Kind.SURVEY))
+    with open_survey(path / JobKind.SURVEY) as survey:
+        certify_survey(survey, certificates_of(path / JobKind.SURVEY))
     return path
 
 
@@ -145,7 +145,11 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute", compute)
-        for kind, name in ((Crises, "of"), (DesignLimits, "along"), (windows, "refine")):  # each takes half a minute
+        for kind, name in (
+            (Crises, "of"),
+            (DesignLimits, "along"),
+            (windows, "refine_window"),
+        ):
             patch.setattr(kind, name, too_long)
         thread.start()
         try:
@@ -217,7 +221,7 @@ def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch:
     for module in (basins, curves, estimate, intensity, limits, points, reached):
         monkeypatch.setattr(module, "in_turn", known)
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
-        with open_survey(finished / Kind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
+        with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
             content = file.read()
         monkeypatch.setattr(download, "_netcdf", lambda _: BytesIO(content))
     # Requests without a key, or with a wrong one, are in test_service_access.py.

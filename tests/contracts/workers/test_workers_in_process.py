@@ -158,4 +158,4 @@ def test_a_signal_ends_a_short_survey_whose_kernels_are_compiled(tmp_path: Path)
 
 def test_help_says_when_no_other_process_is_started() -> None:
     said = CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "200"}).stdout
-    assert "for a few seconds of work none but this one" in said
+    assert "this process only for a few seconds of work" in said

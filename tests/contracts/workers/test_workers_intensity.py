@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gear_rattle.workers import Axis, SurveyRequest, TileShape, tiles_of
-from gear_rattle.workers.survey.tiles import cells_of, compute_tile
+from gear_rattle.workers.survey.tiles import cells_of_tile, compute_tile
 from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS
 from gear_rattle.workers.survey.values.quantities import stored
 
@@ -41,7 +41,7 @@ def survey(request: pytest.FixtureRequest) -> tuple[SurveyRequest, Arrays]:
 
 def test_slots_are_the_attractors_of_the_gear(survey: tuple[SurveyRequest, Arrays]) -> None:
     request, values = survey
-    cells, kinds = cells_of(request), set()
+    cells, kinds = cells_of_tile(request), set()
     for i, j in np.ndindex(values["status"].shape):
         gear = request.gear_model.gear(float(cells.delta[j]), float(cells.epsilon[i]))
         for slot, each in enumerate(gear.attractors(request.initial_conditions.count, request.v_max)):
@@ -79,7 +79,7 @@ def test_cells_are_means_over_the_sample_and_the_worst(survey: tuple[SurveyReque
         assert float(one["sample_energy_error"]) == pytest.approx(
             math.hypot(*(share * slots["energy_error"])), rel=1e-6
         )
-        delta = float(cells_of(request).delta[j])
+        delta = float(cells_of_tile(request).delta[j])
         energy = float(one["sample_energy"])
         level = 10 * math.log10(energy / (2 * math.pi**2 * delta**2)) if energy else -math.inf
         assert float(one["sample_level"]) == pytest.approx(level, abs=1e-9)

@@ -30,11 +30,11 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.overviews import make_levels
-from gear_rattle.workers.pictures.levels import groups_of, overview
+from gear_rattle.workers.pictures.levels import levels_in_groups, overview
 from gear_rattle.workers.storage.added import here
 from gear_rattle.workers.storage.store import before_tiles
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Pair, blocks_of, levels_of, steps_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, steps_of
 from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, meanings
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.quantities import held
@@ -231,7 +231,7 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
 
 
 def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
-    levels = groups_of(partial(open_survey, joined), 1, True)
+    levels = levels_in_groups(partial(open_survey, joined), 1, True)
     one = slice_of(open_survey(joined), 1)
     drawn = overview(one, "attractor_family", 0, (3, 4), levels)
     assert drawn.attractor_family.shape == (3, 4)
@@ -265,7 +265,7 @@ def test_any_reader_finds_them(joined: Path) -> None:
 
 def test_no_order_and_no_tile_shows_in_their_bytes(store: Path, tmp_path: Path) -> None:
     other = survey(tile=TILES[1])
-    assert len(blocks_of(other)) == 4
+    assert len(level_blocks(other)) == 4
     for name, request, order in (("back", survey(), lambda x: reversed(x)), ("other", other, list)):
         assert files_of(make(request, tmp_path / name, order)) == files_of(store)
 

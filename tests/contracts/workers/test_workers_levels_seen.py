@@ -9,7 +9,7 @@ import xarray as xr
 from depth import either
 from matplotlib.colors import to_rgb
 
-from gear_rattle.workers.pictures.levels import Seen, of_cells, part_for
+from gear_rattle.workers.pictures.levels import DisplayedCells, of_cells, part_for
 from gear_rattle.workers.pictures.maps import CODE_COLOURS, map_picture
 from gear_rattle.workers.survey.levels.grid import halvings
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -86,7 +86,9 @@ def test_what_is_not_computed_or_failed_is_told() -> None:
     values, status = np.ones((8, 8)), np.zeros((8, 8), np.int8)
     status[:4], status[5, 5], status[2, 2] = 1, 1, FAILED
     values[status != 1] = 0
-    found: Seen = of_cells(plane_of("attractor_kind", CODED, np.int8, values), values, status, halvings((8, 8))[1])
+    found: DisplayedCells = of_cells(
+        plane_of("attractor_kind", CODED, np.int8, values), values, status, halvings((8, 8))[1]
+    )
     assert found.status.tolist() == [[FAILED, 1], [0, 1]]
     assert found.values.tolist() == [[1, 1], [0, 1]]
     assert found.shares == {1: 1.0}

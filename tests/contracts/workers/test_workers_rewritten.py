@@ -11,7 +11,7 @@ import xarray as xr
 from gear_rattle import split_complex
 from gear_rattle.workers import SurveyRequest, create_store, open_survey, run_tiles_here, tiles_of
 from gear_rattle.workers.storage.export import tables, write_netcdf, write_parquet
-from gear_rattle.workers.survey.values.schema import Form
+from gear_rattle.workers.survey.values.schema import RowForm
 
 REQUEST = SurveyRequest(
     delta=(0.1, 0.7, 4),  # from complex multipliers to real ones
@@ -76,8 +76,8 @@ def test_complex_numbers_in_two_parts_are_those_of_the_store(store: Path) -> Non
         assert "Conventions" not in survey.attrs  # CF knows no complex numbers
 
 
-@pytest.mark.parametrize("form", [Form.ORBITS, Form.CELLS])
-def test_a_store_with_complex_numbers_is_a_table_too(store: Path, form: Form) -> None:
+@pytest.mark.parametrize("form", [RowForm.ORBITS, RowForm.CELLS])
+def test_a_store_with_complex_numbers_is_a_table_too(store: Path, form: RowForm) -> None:
     """Older versions stored them: Parquet of these was an error of the service."""
     parquet = pytest.importorskip("pyarrow.parquet")
     with open_survey(store) as old, open_survey(store, as_stored=True) as stored:

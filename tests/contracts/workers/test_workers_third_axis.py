@@ -38,7 +38,7 @@ from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.request import MAX_SLICES
 from gear_rattle.workers.survey.slices import slice_of, slices_of, surveyed_model
-from gear_rattle.workers.survey.values.schema import Form
+from gear_rattle.workers.survey.values.schema import RowForm
 from rattle.models import Stiff
 
 AXES: dict[str, Any] = {"delta": (0.5, 0.8, 4), "epsilon": (0.05, 0.15, 3)}
@@ -179,7 +179,7 @@ def test_a_cell_that_fails_is_named_with_its_slice(monkeypatch: pytest.MonkeyPat
 def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_path: Path) -> None:
     with open_survey(store, as_stored=True) as whole:
         require_readable(whole)
-        for form in Form:
+        for form in RowForm:
             parts = []
             for path in planes:
                 with open_survey(path, as_stored=True) as plane:

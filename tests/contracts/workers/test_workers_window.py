@@ -8,7 +8,6 @@ import pytest
 from depth import deep
 
 import gear_rattle.workers.cluster.window
-import gear_rattle.workers.survey.values.quantities
 from gear_rattle.workers import (
     SurveyError,
     SurveyRequest,

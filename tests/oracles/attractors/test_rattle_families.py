@@ -7,7 +7,7 @@ from scipy.ndimage import label as components
 import rattle
 from rattle import stiff
 from rattle.attractors.samples import Outcome
-from rattle.families.pieces import Piece
+from rattle.families.pieces import GridPiece
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY
 from rattle.models import Impacting
 
@@ -89,7 +89,7 @@ def test_the_way_through_the_grid_decides_nothing(found):
 def test_a_piece_learns_the_same_orbits_in_any_parts(found):
     """Row by row of cells it ends with what the whole join has, each orbit once, with the samples of its cell."""
     rows = found.attractors.take((found.attractors.kind == Outcome.PERIODIC) & ~found.entered)
-    piece = Piece((EPSILON.size, DELTA.size), Impacting().cells(DELTA, EPSILON))
+    piece = GridPiece((EPSILON.size, DELTA.size), Impacting().cells(DELTA, EPSILON))
     order = np.random.default_rng(2).permutation(EPSILON.size)
     for part in np.array_split(order, 6):
         here = np.isin(rows.cell // DELTA.size, part)

@@ -14,7 +14,7 @@ def test_a_third_of_the_printed_coefficient(delta, epsilon, phase):
     v = mpf(10) ** -8
     flight = Flight(1, phase, -v, delta, epsilon, 0.6)
     at = np.array(phase)
-    first = 2 * v / mpf(float(formulas.acceleration(at, 0.0, delta, epsilon)))
+    first = 2 * v / mpf(float(formulas.acceleration_by_formula(at, 0.0, delta, epsilon)))
     time = _root(lambda s: (flight.position(s) - flight.beta) / s, first * mpf("0.99"), first * mpf("1.01"))
     assert float(time / first) == pytest.approx(1, abs=1e-6)
     coefficient = float((flight.velocity(time) - v) / v**2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.populations.answers import Population, quantile, share
+from rattle.populations.answers import Population, mean_share, quantile
 from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, UNKNOWN, Gears
 from rattle.populations.plan import Plan
 from rattle.populations.tolerances import Tolerances
@@ -55,15 +55,15 @@ def test_intervals_of_shares_hold_the_truth_as_often_as_they_say() -> None:
     random, held = np.random.default_rng(1), []
     for _ in range(400):
         chance = random.beta(0.8, 0.2, 200)
-        found = share(random.binomial(4, chance) / 4)
+        found = mean_share(random.binomial(4, chance) / 4)
         held.append(found.low <= 0.8 <= found.high)
     assert 0.92 <= np.mean(held) <= 0.98
 
 
 def test_gears_that_are_all_alike_leave_room_for_others() -> None:
-    assert share(np.ones(100)) == pytest.approx((1.0, float(rattle.wilson_interval(100, 100)[0]), 1.0))
-    assert share(np.zeros(100)).low == 0.0
-    assert share(np.zeros(100)).high > 0.03
+    assert mean_share(np.ones(100)) == pytest.approx((1.0, float(rattle.wilson_interval(100, 100)[0]), 1.0))
+    assert mean_share(np.zeros(100)).low == 0.0
+    assert mean_share(np.zeros(100)).high > 0.03
 
 
 def test_intervals_of_quantiles_hold_the_truth_as_often_as_they_say() -> None:

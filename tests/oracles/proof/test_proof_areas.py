@@ -19,14 +19,14 @@ from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import period_one, regions
 from rattle.proof.areas import one_impact, two_impacts
 from rattle.proof.areas import quiet as quiet_motion
-from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import _growth, require_captures
 from rattle.proof.areas.checker.check import check
-from rattle.proof.areas.checker.intervals import Refused
+from rattle.proof.areas.checker.intervals import BlockRefused
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.areas.finder import Prover
-from rattle.proof.areas.piece import Piece, hull
-from rattle.proof.areas.shares import shares
+from rattle.proof.areas.piece import PlanePiece, hull
+from rattle.proof.areas.shares import shares_of_claims
 from rattle.proof.balls import arb, arb_series, ball, precision
 
 BETA, DELTA, EPSILON = Fraction(3, 5), (Fraction("0.4"), Fraction(1)), (Fraction(0), Fraction("0.3"))
@@ -36,14 +36,14 @@ KEPT = Path(__file__).parents[2] / "reference" / "areas.jsonl"  # every tenth co
 def block_of(document):
     numbers = {name: tuple(map(Fraction, document[name])) for name in ("delta", "epsilon")}
     speed = document.get("speed")
-    return Block(document["claim"], Fraction(document["beta"]), **numbers, speed=speed and Fraction(speed))
+    return ProvedBlock(document["claim"], Fraction(document["beta"]), **numbers, speed=speed and Fraction(speed))
 
 
 BLOCKS = [block_of(json.loads(line)) for line in KEPT.read_text().splitlines()]
 
 
 def piece_of(block):
-    return Piece(hull(*map(ball, block.delta)), hull(*map(ball, block.epsilon)), ball(block.beta))
+    return PlanePiece(hull(*map(ball, block.delta)), hull(*map(ball, block.epsilon)), ball(block.beta))
 
 
 def finder_says(block):
@@ -62,7 +62,7 @@ def finder_says(block):
 def checker_says(block):
     try:
         check(block.json())
-    except Refused as why:
+    except BlockRefused as why:
         return str(why)
     return ""
 
@@ -111,7 +111,7 @@ def test_quiet_captures_below_what_is_proved():
 
 def test_the_kept_columns_hold_what_the_whole_plane_does():
     tenth = (DELTA[1] - DELTA[0]) * (EPSILON[1] - EPSILON[0]) / 10
-    found = {share.what: share for share in shares(BLOCKS, tenth)}
+    found = {share.what: share for share in shares_of_claims(BLOCKS, tenth)}
     assert found["the region"].proved > 0.99
     assert all(
         found[what].of_where > 0.98 for what in ("C is there", "C attracts", "D is there", "A is there, a saddle")
@@ -143,15 +143,15 @@ def false_blocks(seed):
         block = rng.choice(BLOCKS)
         if block.claim == CAPTURED:
             faster = block.speed * 40
-            yield Block(CAPTURED, BETA, block.delta, block.epsilon, faster)
+            yield ProvedBlock(CAPTURED, BETA, block.delta, block.epsilon, faster)
             continue
         if rng.random() < 0.5:
             claim = rng.choice([*REGIONS, *ATTRACTING.values(), *SADDLE.values(), *ABSENT.values(), QUIET, LOUD])
-            block = Block(claim, BETA, block.delta, block.epsilon)
+            block = ProvedBlock(claim, BETA, block.delta, block.epsilon)
         else:
             by = Fraction(rng.randint(-20, 20), 1000)
             low, high = (min(max(end + by, Fraction(0)), EPSILON[1]) for end in block.epsilon)
-            block = Block(block.claim, BETA, block.delta, (low, high))
+            block = ProvedBlock(block.claim, BETA, block.delta, (low, high))
         corners = [(float(d), float(e)) for d in block.delta for e in block.epsilon]
         if block.epsilon[0] < block.epsilon[1] and not holds(block.claim, *np.array(corners).T).all():
             yield block
@@ -191,7 +191,7 @@ def test_a_block_beyond_a_boundary_is_refused(case):
     delta, epsilon = (tuple(map(Fraction, each.split())) for each in texts)
     corners = [(float(d), float(e)) for d in delta for e in epsilon]
     assert not holds(claim, *np.array(corners).T).all()
-    block = Block(claim, BETA, delta, epsilon)
+    block = ProvedBlock(claim, BETA, delta, epsilon)
     assert finder_says(block)
     if claim[0] not in "IVBD" or either(False, True):
         assert checker_says(block)
@@ -209,7 +209,7 @@ def test_how_much_higher_a_bounce_is_than_the_one_before():
     half = np.tanh(delta * after.time / 2) / delta  # of the bounce, from its middle
     middle = tau + np.log1p(delta * half) / delta - np.arctan(delta / (2 * np.pi)) / (2 * np.pi)
     with precision(64):
-        share = arb(epsilon) / quiet_motion.limit(arb_series([arb(delta)]))[0]
+        share = arb(epsilon) / quiet_motion.quiet_limit_enclosure(arb_series([arb(delta)]))[0]
         found = _growth(arb(middle), arb(half), arb(delta), share)
     assert float(found.lower()) < changed / half**3 < float(found.upper())
     assert float(found.upper() - found.lower()) < 8 * abs(changed) / half**3
@@ -221,13 +221,13 @@ def test_a_flight_of_one_impact_is_that_of_a_motion(letter):
     orbit = next(each for each in gear.orbits() if each.name == letter)
     x = 0.09 * np.cos(2 * np.pi * orbit.tau)
     with precision():
-        piece = Piece(arb(0.6), arb(0.09), arb(0.6))
+        piece = PlanePiece(arb(0.6), arb(0.09), arb(0.6))
         y = one_impact.offset(arb_series([piece.delta]))[0]
         assert float(one_impact.cosines(piece, letter, y)) == pytest.approx(x, abs=1e-13)
         s = arb(0.37)
         found, slope = (
-            one_impact.height(s, arb_series([piece.delta]), arb(x))[0],
-            one_impact.slope(s, piece.delta, arb(x)),
+            one_impact.flight_height(s, arb_series([piece.delta]), arb(x))[0],
+            one_impact.slope_enclosure(s, piece.delta, arb(x)),
         )
         c = (4 * np.pi - 2 * np.pi * 0.09 * np.sin(2 * np.pi * orbit.tau) + orbit.v) / 0.6
         t = orbit.tau + 0.37
@@ -247,7 +247,7 @@ def test_a_solution_of_two_impacts_is_a_motion(name):
     times = rattle.Gear(0.6, 0.09).orbit(orbit.tau, orbit.v).times
     s = float(times[1] - times[0])
     with precision():
-        cell = two_impacts.Cell(arb(s), arb(s), arb(0.6), arb(0.6))
+        cell = two_impacts.SolutionCell(arb(s), arb(s), arb(0.6), arb(0.6))
         x, y, v, u = (float(each) for each in cell.solution[0])
         assert (np.hypot(x, y), v) == pytest.approx((0.09, orbit.v), abs=1e-9)
         above, below = (float(each) for each in cell.room)
@@ -267,7 +267,7 @@ def test_documents_that_are_none_are_refused():
         {"epsilon": ["0.1", "0"]}, {"epsilon": ["-0.1", "0"]}, {"epsilon": ["nan", "0"]}, {"claim": CAPTURED},
         {"claim": CAPTURED, "speed": "0"}, {"claim": CAPTURED, "speed": "9"},
     ):  # fmt: skip
-        with pytest.raises(Refused):
+        with pytest.raises(BlockRefused):
             check(json.dumps({**good, **changes}))
 
 

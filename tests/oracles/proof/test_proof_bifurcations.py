@@ -16,7 +16,7 @@ from rattle.proof.balls import arb, ball, precision
 from rattle.proof.bifurcations import prove, systems
 from rattle.proof.bifurcations.check import check
 from rattle.proof.check import Refused
-from rattle.proof.flights import Plane, flight
+from rattle.proof.flights import ModelPlane, flight
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
 PLACES = {"SN1": "0.6", "SN2": "0.6", "PD1": "0.6", "G1": "0.6", "PDC": "0.5", "G2": "0.8"}
@@ -169,7 +169,7 @@ def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
     graze = points["G1"]
     with precision():
         epsilon = ball(sum(graze.solved["epsilon"]) / 2)
-        plane = Plane(ball(graze.known["delta"]), epsilon, ball(graze.known["beta"]))
+        plane = ModelPlane(ball(graze.known["delta"]), epsilon, ball(graze.known["beta"]))
         start, touch = (ball(t) for t in graze.times)
         turn = (2 * start).sin_cos_pi()
 

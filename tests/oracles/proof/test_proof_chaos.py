@@ -14,7 +14,7 @@ from rattle.proof import check as shared
 from rattle.proof.balls import ball, precision
 from rattle.proof.chaos import check, coverings, images, prove, search
 from rattle.proof.check import Refused
-from rattle.proof.flights import Plane
+from rattle.proof.flights import ModelPlane
 
 STORED = (
     Path(__file__).parents[2] / "reference" / "horseshoes.jsonl"
@@ -29,7 +29,7 @@ def stored():
 
 
 def plane_of(document):
-    return Plane(*(ball(Fraction(document["parameters"][name])) for name in ("delta", "epsilon", "beta")))
+    return ModelPlane(*(ball(Fraction(document["parameters"][name])) for name in ("delta", "epsilon", "beta")))
 
 
 def sets_of(document):
@@ -57,14 +57,16 @@ def test_images_hold_what_the_impact_map_does(stored):
     rng = np.random.default_rng(1)
     for document in stored.values():
         gear = rattle.Gear(*(float(document["parameters"][name]) for name in ("delta", "epsilon", "beta")))
-        pi, claim = search.Map(gear), check.Claim(document)
+        pi, claim = search.ReturnMap(gear), check.Claim(document)
         with precision():
             plane, sets = plane_of(document), sets_of(document)
             steps = list(steps_of(document))
             for k in rng.choice(len(steps), 4):
                 source, _, word, _ = steps[k]
                 xi, eta, size = *rng.uniform(-0.9, 0.9, 2), 2.0**-7
-                found = coverings.Mapped(plane, sets[source], (-1,) * word).image(coverings.Part(xi, eta, size, size))
+                found = coverings.Mapped(plane, sets[source], (-1,) * word).image(
+                    coverings.SetPart(xi, eta, size, size)
+                )
                 middle, sides = claim.image(source, (xi, eta, size, size), word)
                 for _ in range(5):
                     at = rng.uniform(-1, 1, 2)
@@ -157,7 +159,7 @@ def test_a_motion_that_passes_a_wall_has_no_image(stored):
 
 def test_a_set_that_reaches_across_a_graze_has_no_image():
     """Beside Γ, where its middle misses Σ⁻: proved of so small a set that all of it does, by either program."""
-    pi = search.Map(rattle.Gear(0.6, 0.1))
+    pi = search.ReturnMap(rattle.Gear(0.6, 0.1))
     v, high = 4.6, 4.7
     for _ in range(40):
         middle = (v + high) / 2
@@ -165,9 +167,9 @@ def test_a_set_that_reaches_across_a_graze_has_no_image():
         v, high = (middle, high) if misses else (v, middle)
     v -= 1e-4
     claim = check.Claim.__new__(check.Claim)
-    claim.delta, claim.epsilon, claim.beta = (shared.exact(x) for x in ("0.6", "0.1", "0.6"))
+    claim.delta, claim.epsilon, claim.beta = (shared.exact_fraction(x) for x in ("0.6", "0.1", "0.6"))
     with precision():
-        plane = Plane(*(ball(Fraction(x)) for x in ("0.6", "0.1", "0.6")))
+        plane = ModelPlane(*(ball(Fraction(x)) for x in ("0.6", "0.1", "0.6")))
         for size, ok in ((1e-5, True), (1.5e-4, False), (1e-3, False)):
             claim.sets = [[shared.IV.mpf(x) for x in (0.6, v, 1e-9, 0, 0, size)]]
             for program in (

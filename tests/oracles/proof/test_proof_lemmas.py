@@ -23,7 +23,7 @@ GRAZING = 1e-6
 
 
 def plane(delta, epsilon, beta):
-    return flights.Plane(*(ball(Fraction(x)) for x in (delta, epsilon, beta)))
+    return flights.ModelPlane(*(ball(Fraction(x)) for x in (delta, epsilon, beta)))
 
 
 def random_flights(number, seed):
@@ -91,7 +91,7 @@ def test_the_checker_says_the_same_of_flights():
             motion = SimpleNamespace(
                 walls=[wall, target], m=0, k=[check.ZERO], delta=known[0], epsilon=known[1], beta=known[2]
             )
-            answers[truth].append(check.Piece(motion, 0, x).stays())
+            answers[truth].append(check.MotionPiece(motion, 0, x).stays())
     assert len(answers[True]) > 20
     assert all(answers[True])
     assert not any(answers[False])
@@ -108,7 +108,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
             continue
         with precision():
             walls = stiff.Walls(plane(delta, epsilon, beta), ball(Fraction(kappa)))
-            whole = stiff.Contact(walls, arb(t0), arb(t0), arb(wall * u))
+            whole = stiff.ContactEnclosure(walls, arb(t0), arb(t0), arb(wall * u))
 
             def height(t, whole=whole, wall=wall):
                 return float(wall * whole.at(arb(t))[0])
@@ -120,7 +120,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
             seen += 1
             second = brentq(height, t0 + lasts + 1e-3 * (again[0] - t0 - lasts), again[0])
             for end, truth in ((t0 + lasts, True), (second, False)):
-                contact = stiff.Contact(walls, arb(t0), arb(end), arb(wall * u))
+                contact = stiff.ContactEnclosure(walls, arb(t0), arb(end), arb(wall * u))
                 try:
                     stiff.require_lasts(contact, wall, "the contact")
                     assert truth
@@ -132,7 +132,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
                     delta=numbers[0], epsilon=numbers[1], beta=numbers[2],
                 )  # fmt: skip
                 x = [check.IV.mpf(y) for y in (t0, wall * u, end, 0)]
-                assert check.Piece(motion, 0, x).stays() == truth
+                assert check.MotionPiece(motion, 0, x).stays() == truth
     assert seen > either(20, 1000)
 
 
@@ -181,7 +181,7 @@ def test_a_graze_is_refused():
     with precision():
         delta, epsilon = (arb(0.5) * ball(sum(ends)) + arb(0, 1e-19) for ends in point.solved.values())
         tau, s = ball(point.times[0]), ball(point.times[1] - point.times[0])
-        here = flights.Plane(delta, epsilon, ball(point.known["beta"]))
+        here = flights.ModelPlane(delta, epsilon, ball(point.known["beta"]))
         for t0, t1, wall, target in ((tau, tau + 1, 1, 1), (tau, tau + s, 1, -1), (tau + s, tau + 1, -1, 1)):
             t0, t1 = (t + ball(point.radius) * arb(0, 1) for t in (t0, t1))
             turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
@@ -221,7 +221,7 @@ def test_no_box_is_proved_where_there_are_two_motions():
     a, c = (gear.orbit(each.tau, each.v) for each in gear.orbits() if each.name in "AC")
     assert 0 < c.tau - a.tau < 1e-4
     with precision():
-        equations = impacting.Impacting(plane(gear.delta, gear.epsilon, gear.beta), (1,), 1)
+        equations = impacting.ImpactingSystem(plane(gear.delta, gear.epsilon, gear.beta), (1,), 1)
         middle = Fraction((a.tau + c.tau) / 2)
         wide = [around(Fraction(0), Fraction(c.tau - a.tau))]
         about = krawczyk.inverse(equations([ball(Fraction(a.tau))]).jacobian)
@@ -240,7 +240,7 @@ def test_intervals_of_the_checker_hold_the_balls_of_the_finder():
             middle, radius = rng.uniform(-3, 3), 10 ** rng.uniform(-30, 0.5)
             x = check.IV.mpf([mpf(middle) - mpf(radius), mpf(middle) + mpf(radius)])
             inside = arb(middle) + arb(radius) * arb(rng.uniform(-0.999, 0.999))
-            sine, cosine = check.turned(x)
+            sine, cosine = check.sine_and_cosine(x)
             for found, value in (
                 (sine, (2 * inside).sin_pi()),
                 (cosine, (2 * inside).cos_pi()),

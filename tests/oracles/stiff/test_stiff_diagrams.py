@@ -200,8 +200,8 @@ def test_events_converge_to_those_of_the_impacting_model(span, kinds) -> None:
 def test_along_kappa() -> None:
     """B and D meet at κ = 229.5 (docs/stiff.md); at κ = 1e4 the branches are where the limit leads to."""
     found = along_kappa()
-    assert found.kappa[[0, -1]] == pytest.approx([1e2, 1e6])
-    np.testing.assert_allclose(np.diff(found.kappa**-0.5), (1e-3 - 1e-1) / 6)
+    assert found.added["kappa"][[0, -1]] == pytest.approx([1e2, 1e6])
+    np.testing.assert_allclose(np.diff(found.added["kappa"] ** -0.5), (1e-3 - 1e-1) / 6)
     fold = next(event for event in found.events if event.kind is Kind.SADDLE_NODE and event.orbit.label == (1, 1, 1))
     assert fold.orbit.kappa == pytest.approx(229.5, abs=0.5)
     assert found.positions(fold) == pytest.approx((fold.orbit.kappa**-0.5 - 1e-1) / (1e-3 - 1e-1))

@@ -1,4 +1,4 @@
-"""Which levels a survey has, and the blocks that they are made in."""
+"""Define the levels of a survey, and the blocks that they are made in."""
 
 import math
 from collections.abc import Iterable
@@ -49,14 +49,20 @@ class LevelBlock:
         return *self.along, ..., self.epsilon, self.delta
 
     def at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
-        """The same of a level."""
+        """Return the same of a level."""
         spans = zip((self.epsilon, self.delta), level.cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
 
 def halvings(shape: Pair) -> tuple[Level, ...]:
-    """All levels that cells of this shape can have, down to a single one: an axis of more than LEAST is halved while
-    there is one, then both are.
+    """Return all levels that cells of this shape can have, down to a single one.
+
+    An axis of more than LEAST is halved while there is one, then both are.
+
+    Returns
+    -------
+    tuple[Level, ...]
+        The levels.
     """
     cells, found, now = (1, 1), list[Level](), shape
     while max(now) > 1:
@@ -68,13 +74,13 @@ def halvings(shape: Pair) -> tuple[Level, ...]:
 
 
 def levels_of(shape: Pair) -> tuple[Level, ...]:
-    """The levels that a survey of this shape has in its store: none up to LARGEST, then down to LEAST."""
+    """Return the levels that a survey of this shape has in its store: none up to LARGEST, then down to LEAST."""
     all_of = halvings(shape) if max(shape) > LARGEST else ()
     return all_of[: 1 + sum(max(level.shape) > LEAST for level in all_of)]
 
 
 def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
-    """How many cells of the level before, the survey first, each level's cells have along each axis: 1 or 2."""
+    """Return how many cells of the level before, the survey first, each level's cells have along each axis: 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
@@ -89,8 +95,8 @@ def block_shape(request: SurveyRequest) -> Pair:
     return _pair(max(side, cells) for cells in levels_of(request.shape)[-1].cells)
 
 
-def blocks_of(request: SurveyRequest) -> list[LevelBlock]:
-    """The blocks that cover a survey with levels, slice by slice, row by row."""
+def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
+    """Return the blocks that cover a survey with levels, slice by slice, row by row."""
     rows, columns = (
         [slice(start, min(start + size, num)) for start in range(0, num, size)]
         for num, size in zip(request.shape, block_shape(request), strict=True)
@@ -104,8 +110,14 @@ def blocks_of(request: SurveyRequest) -> list[LevelBlock]:
 
 
 def centres(axis: np.ndarray, cells: int) -> np.ndarray:
-    """The middles of a level's cells, so many of the survey's each, whose own are `axis`: evenly spaced, as if the last
-    one had as many as the others.
+    """Return the middles of a level's cells, so many of the survey's each, whose own are `axis`.
+
+    Evenly spaced, as if the last one had as many as the others.
+
+    Returns
+    -------
+    np.ndarray
+        Middles of the cells.
     """
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found: np.ndarray = axis[0] + step * (cells * np.arange(-(-axis.size // cells)) + (cells - 1) / 2)

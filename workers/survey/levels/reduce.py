@@ -1,4 +1,4 @@
-"""What several cells have together: codes, numbers and phases of rectangles of cells, in one number each.
+"""Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
 Every function takes values (m, n), which cells are `known` (m, n), and for one level after the other how many cells
 of the level before, 1 or 2 along each axis, become one; it yields what each level has. Levels follow from the cells,
@@ -19,7 +19,7 @@ STATISTICS = ("mean", "least", "largest", "share")
 
 
 class Codes(NamedTuple):
-    """Of cells with codes (m, n): the most frequent, the lowest of several, and its share; a bit for each that occurs.
+    """Reduced codes of cells (m, n): the most frequent, the lowest of several, its share, and a bit for each code.
 
     Where no cell is known these are 0, NaN and 0.
     """
@@ -29,7 +29,7 @@ class Codes(NamedTuple):
     occurs: np.ndarray
 
 
-def pooled(
+def pooled_cells(
     values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
 ) -> np.ndarray:
     """Make cells of a level from those of the one before, always in the same order."""
@@ -45,8 +45,8 @@ def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: 
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
     for step in steps:
-        counts = {code: pooled(count.astype(np.int32), step, np.add) for code, count in counts.items()}
-        of = pooled(of, step, np.add)
+        counts = {code: pooled_cells(count.astype(np.int32), step, np.add) for code, count in counts.items()}
+        of = pooled_cells(of, step, np.add)
         most, highest = np.zeros(of.shape, values.dtype), np.zeros(of.shape, np.int32)
         occurs = np.zeros(of.shape, mask_type(number))
         for code, count in counts.items():
@@ -57,29 +57,43 @@ def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: 
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
-    """What has a bit for each of so many codes."""
+    """Return the type that has a bit for each of so many codes."""
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 
 
 def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
+    """Yield numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
 
     NaN where no cell has one.
+
+    Yields
+    ------
+    np.ndarray
+        Statistics of each level.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)
     total, count, of = np.where(finite, values, 0.0), finite.astype(np.int32), known.astype(np.int32)
     least, largest = values, values
     for step in steps:
-        total, count, of = (pooled(each, step, np.add) for each in (total, count, of))
-        least, largest = (pooled(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax)))
+        total, count, of = (pooled_cells(each, step, np.add) for each in (total, count, of))
+        least, largest = (
+            pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
+        )
         mean = np.clip(_over(total, count), least, largest)  # rounding may not lead out of them
         yield _single(mean, least, largest, _over(count, of))
 
 
 def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Phases, of a circle of length 1, as STATISTICS: their mean direction in [0, 1), and where on either side of it
-    they reach to, the least perhaps below 0 and the largest perhaps 1 or more.
+    """Yield phases, of a circle of length 1, as STATISTICS.
+
+    Their mean direction in [0, 1), and their extent on either side of it, the least perhaps below 0 and the largest
+    perhaps 1 or more.
+
+    Yields
+    ------
+    np.ndarray
+        Statistics of each level.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)
@@ -87,7 +101,7 @@ def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iter
     along, across = np.where(finite, np.cos(angle), 0.0), np.where(finite, np.sin(angle), 0.0)
     count, of = finite.astype(np.int32), known.astype(np.int32)
     for level, step in enumerate(steps, start=1):
-        along, across, count, of = (pooled(each, step, np.add) for each in (along, across, count, of))
+        along, across, count, of = (pooled_cells(each, step, np.add) for each in (along, across, count, of))
         mean = np.where(count > 0, np.arctan2(across, along) / (2 * np.pi) % 1.0, np.nan)
         here = mean
         for each in reversed(steps[:level]):
@@ -95,7 +109,7 @@ def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iter
         away = (values - here[: values.shape[0], : values.shape[1]] + 0.5) % 1.0 - 0.5
         least = largest = away
         for each in steps[:level]:
-            least, largest = pooled(least, each, np.fmin, np.nan), pooled(largest, each, np.fmax, np.nan)
+            least, largest = pooled_cells(least, each, np.fmin, np.nan), pooled_cells(largest, each, np.fmax, np.nan)
         yield _single(mean, mean + least, mean + largest, _over(count, of))
 
 

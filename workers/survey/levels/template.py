@@ -1,4 +1,4 @@
-"""What a store has of levels: a group for each, its arrays, and what says how they belong together."""
+"""Describe the levels of a store: a group for each, its arrays, and how they belong together."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -16,9 +16,9 @@ from gear_rattle.workers.survey.template import (
     CODECS,
     WHOLE,
     Template,
-    about,
     contents,
     coordinate_values,
+    dimension_name,
     fixed,
     write,
 )
@@ -38,7 +38,7 @@ MULTISCALES = {
 }
 
 
-class Described(NamedTuple):
+class LevelDescription(NamedTuple):
     """An array of a level: its dimensions but those of its cells and of a third axis."""
 
     name: str
@@ -48,23 +48,23 @@ class Described(NamedTuple):
 
 
 def maps(request: SurveyRequest) -> list[Quantity]:
-    """The variables that levels have."""
+    """Return the variables that levels have."""
     return [each for each in held(request.quantities, request.model) if each.per_cell]
 
 
 def meanings(quantity: Quantity) -> tuple[str, ...]:
-    """What the codes of a variable mean; nothing of one with numbers."""
+    """Return the meanings of the codes of a variable; none for one with numbers."""
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
-def described(quantity: Quantity) -> tuple[Described, ...]:
-    """The arrays that a level has of a variable; of complex numbers these are moduli."""
+def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
+    """Return the arrays that a level has of a variable; of complex numbers these are moduli."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
         long_name = f"|{quantity.long_name}|" if modulus else quantity.long_name
         numbers = quantity.attributes | {"long_name": long_name}
-        return (Described(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
+        return (LevelDescription(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
     most = quantity.attributes | {"cell_methods": f"{LEVEL_CELL[0]}: {LEVEL_CELL[1]}: mode"}
     masks = mask_type(len(words))
     flags = {"flag_masks": [1 << code for code in range(len(words))], "flag_meanings": " ".join(words)}
@@ -72,13 +72,13 @@ def described(quantity: Quantity) -> tuple[Described, ...]:
     share = f"share of the cells that have the most frequent {name}"
     occurs = f"which values of {name} occur, a bit each"
     return (
-        Described(name, dims, np.dtype(quantity.dtype), most),
-        Described(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
-        Described(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
+        LevelDescription(name, dims, np.dtype(quantity.dtype), most),
+        LevelDescription(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
+        LevelDescription(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
     )
 
 
-def create(root: zarr.Group, request: SurveyRequest, level: Level, array: Described) -> zarr.Array:
+def create(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
     """Create an array of a level, of which each block is a chunk."""
     axes = request.third_axis
     beside = [len(_labels(request, dim)) for dim in array.dims]
@@ -118,7 +118,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
         cells = dict(zip((f"cells_{name}" for name in CELL), level.cells, strict=True))
         long_name = f"level {level.number}: {' x '.join(map(str, level.cells))} cells of the survey in each"
         group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
-        arrays = [array for quantity in maps(request) for array in described(quantity)]
+        arrays = [array for quantity in maps(request) for array in level_arrays(quantity)]
         _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
         for array in arrays:
             create(root, request, level, array)
@@ -126,7 +126,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
 
 
 def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """As the convention has it: along (epsilon, delta), relative to the level before, the first one to the survey."""
+    """Yield the convention's entry of each level: along (epsilon, delta), relative to the level before it."""
     for level, step in zip(levels, steps_of(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]
@@ -140,7 +140,7 @@ def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, 
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
         write(group, dim, (dim,), centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
-        words = "what is told of the numbers of the cells" if dim == STATISTIC else about(request, dim)
+        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_name(request, dim)
         values = coordinate_values(_labels(request, dim))
         write(group, dim, (dim,), values, {"long_name": words, "units": "1"})
     for name, axis in request.third_axis.items():

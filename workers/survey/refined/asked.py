@@ -26,7 +26,7 @@ class Refine(Strict):
 
 
 def _refine_or_not(value: Any) -> Any:
-    """true and false are short for the default, and for nothing."""
+    """Read true and false as short for the default, and for nothing."""
     return (Refine() if value else None) if isinstance(value, bool) else value
 
 

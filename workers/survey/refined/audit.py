@@ -1,4 +1,4 @@
-"""Which cells of a refined survey are computed though they could be filled, and what these tell of the others."""
+"""Audit a refined survey: the cells computed though they could be filled, and the conclusions for the others."""
 
 from collections.abc import Sequence
 
@@ -19,8 +19,14 @@ ROUNDS = "refined_rounds"
 
 
 def draws(blocks: Blocks, seed: int) -> np.ndarray:
-    """A number from 0 to 1 for each cell of the frame (cells,), by the seed and where it is in the grid: those of the
-    least are audited.
+    """Return a number from 0 to 1 for each cell of the frame (cells,), by the seed and where it is in the grid.
+
+    Those of the least are audited.
+
+    Returns
+    -------
+    np.ndarray
+        A number for each cell.
     """
     rows, columns = (np.arange(span.start, span.stop, dtype=np.uint64) for span in blocks.frame)
     place = (rows[:, None] << np.uint64(32)) + columns
@@ -30,18 +36,29 @@ def draws(blocks: Blocks, seed: int) -> np.ndarray:
 
 
 def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
-    """What a store says, by the names of TOLD, of what each slice has filled and audited, and what disagreed there.
+    """Return the entries of a store, by the names of TOLD, about each slice's filled and audited cells.
 
     All slices audit the same places, so together they are no larger a sample: the bound is the largest of theirs. Where
     nothing is filled, nothing is wrong.
+
+    Returns
+    -------
+    dict[str, int | float]
+        The entry of each name.
     """
     upper = max(upper_share(disagreed, audited) if filled else 0.0 for filled, audited, disagreed in counts)
     return dict(zip(TOLD, (*map(sum, zip(*counts, strict=True)), upper), strict=True))
 
 
 def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
-    """The upper end of a share's one-sided interval, 95 % sure (Clopper and Pearson, Biometrika 26 (1934) 404); 1 where
-    nothing was looked at.
+    """Return the upper end of a share's one-sided interval, 95 % sure (Clopper and Pearson, Biometrika 26 (1934) 404).
+
+    1 where nothing was looked at.
+
+    Returns
+    -------
+    float
+        The upper end.
     """
     from scipy.special import betaincinv  # a tenth of a second to load
 

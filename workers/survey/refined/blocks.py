@@ -24,7 +24,7 @@ class Leaves(NamedTuple):
     size: int
 
     def of(self, which: np.ndarray) -> Leaves:
-        """Some of them."""
+        """Return some of them."""
         return Leaves(self.block[which], self.row[which], self.column[which], self.size)
 
 
@@ -63,7 +63,7 @@ class Blocks:
 
     @cached_property
     def corners(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where each block begins in the frame (blocks,)."""
+        """First row and column of each block in the frame (blocks,)."""
         down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
         return np.repeat(down, right.size), np.tile(right, down.size)
 
@@ -79,12 +79,12 @@ class Blocks:
         return self.shape[0] * self.shape[1]
 
     def whole(self) -> Leaves:
-        """Each block as a leaf."""
+        """Return each block as a leaf."""
         number = np.arange(self.corners[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
     def halves(self, leaves: Leaves) -> Leaves:
-        """The four quarters of leaves, those without a cell of their own inside left out."""
+        """Return the four quarters of leaves, those without a cell of their own inside left out."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])
         row = row + np.tile([0, 0, half, half], leaves.block.size)
@@ -94,7 +94,7 @@ class Blocks:
         return Leaves(block, row, column, half).of(there)
 
     def square(self, leaves: Leaves) -> Square:
-        """The cells of leaves."""
+        """Return the cells of leaves."""
         along = np.arange(leaves.size + 1)
         row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
         block = leaves.block[:, None]
@@ -109,14 +109,14 @@ class Blocks:
         )
 
     def cell(self, square: Square) -> np.ndarray:
-        """The numbers of cells in the frame."""
+        """Return the numbers of cells in the frame."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
         top, left = (corner[block] for corner in self.corners)
         number: np.ndarray = (top + row) * self.shape[1] + left + column
         return number
 
     def edges(self, leaves: Leaves) -> np.ndarray:
-        """The cells of the frame that are on an edge of leaves, each once, in their order."""
+        """Return the cells of the frame that are on an edge of leaves, each once, in their order."""
         square = self.square(leaves)
         row, column = square.row, square.column
         ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
@@ -130,7 +130,7 @@ class Blocks:
         return np.flatnonzero(there)
 
 
-def together(parts: Iterable[Leaves]) -> Leaves:
+def cells_together(parts: Iterable[Leaves]) -> Leaves:
     """Leaves of one size in one."""
     many = list(parts)
     block, row, column = (np.concatenate(x) for x in zip(*(each[:3] for each in many), strict=True))

@@ -1,4 +1,4 @@
-"""What is known of the cells of a tile while it is refined: their regions, samples, and the orbits that exist."""
+"""Knowledge of the cells of a tile while it is refined: their regions, samples, and existing orbits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square
 from gear_rattle.workers.survey.values.cells import Cells
 from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
-from rattle.families import Piece, in_order, no_attractors, together
+from rattle.families import GridPiece, in_order, no_attractors, together
 
 #: What samples go to that has no orbit which could be continued.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
@@ -33,7 +33,7 @@ class Evidence:
         self.region = np.zeros(n, np.int8)
         self.samples = np.zeros((len(SEEN), n))
         self.table = no_attractors()
-        self.existing: dict[int, Piece] = {}  # of the blocks that have periodic orbits
+        self.existing: dict[int, GridPiece] = {}  # of the blocks that have periodic orbits
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
@@ -74,18 +74,18 @@ class Evidence:
             self.existing[block] = piece
             self._code[block, : height + 1, : width + 1] = labels_in(piece)
 
-    def _piece(self, top: int, left: int, height: int, width: int) -> Piece:
+    def _piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
         cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
-        return Piece((height + 1, width + 1), cells)
+        return GridPiece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
-        """Numbers that are equal where the same orbits exist, in cells of one block."""
+        """Return numbers that are equal where the same orbits exist, in cells of one block."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
     def uniform(self, leaves: Leaves) -> np.ndarray:
-        """Whether the same is known to exist in all cells of leaves (k,), whatever the share of the samples."""
+        """Return whether the same is known to exist in all cells of leaves (k,), whatever the share of the samples."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         known = square.inside & self.known[cell]
@@ -99,7 +99,7 @@ class Evidence:
         return same
 
     def chaotic(self, leaves: Leaves) -> np.ndarray:
-        """Whether samples of computed cells of leaves (k,) are chaotic or undecided."""
+        """Return whether samples of computed cells of leaves (k,) are chaotic or undecided."""
         if not self.sampled:
             return np.zeros(leaves.block.size, bool)
         square = self.blocks.square(leaves)
@@ -109,9 +109,17 @@ class Evidence:
         return found
 
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Which audited cells of leaves have something else than the edges of their leaf tell.
+        """Return flags of the audited cells of leaves that differ from the edges of their leaf.
 
-        before: the code of the cells when only the edges were known.
+        Parameters
+        ----------
+        before : np.ndarray
+            The code of the cells when only the edges were known.
+
+        Returns
+        -------
+        np.ndarray
+            Flags of the cells of the square.
         """
         cell = self.blocks.cell(square)
         edge = square.inside & self.known[cell] & ~audited
@@ -129,10 +137,15 @@ class Evidence:
 
 
 def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
-    """Whether cells of leaves differ in whether they have something at all, beyond what samples miss by chance.
+    """Return whether cells of leaves differ in whether they have something at all, beyond what samples miss by chance.
 
     seen (…, k, n, n): samples that go to it; known (k, n, n): the cells that were sampled. A cell without any differs
     from one with FEW; and cells without any are too many if so many are not expected of a share that all have.
+
+    Returns
+    -------
+    np.ndarray
+        True where leaves differ.
     """
     inner = (-2, -1)
     seen, cells = seen * known, known.sum(inner)
@@ -145,8 +158,8 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     return found
 
 
-def labels_in(piece: Piece) -> np.ndarray:
-    """Numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
+def labels_in(piece: GridPiece) -> np.ndarray:
+    """Return numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)
     for part in (orbits.m, orbits.n_plus, orbits.n_minus):

@@ -29,8 +29,10 @@ BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 @dataclass(frozen=True, eq=False)
 class RefinedCells(Cells):
-    """Cells of which only some were computed. table: the attractors of all, wider (rows,): as `Filling` has it, 0 of
-    computed cells. regions, source_level, audit, audit_leaf: of each cell.
+    """Cells of which only some were computed. table.
+
+    The attractors of all, wider (rows,): as `Filling` has it, 0 of computed cells. regions, source_level, audit,
+    audit_leaf: of each cell.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
@@ -52,12 +54,12 @@ class RefinedCells(Cells):
 
     @property
     def filled(self) -> np.ndarray:
-        """Which cells were not computed."""
+        """Flags of the cells that were not computed."""
         found: np.ndarray = self.source_level > 0
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """The values of a variable, as its registry has it."""
+        """Return the values of a variable, as its registry has it."""
         if quantity.name == "attractor_fraction_upper":
             return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":
@@ -96,7 +98,7 @@ class RefinedCells(Cells):
         return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 
 
-class Plan(NamedTuple):
+class FillingPlan(NamedTuple):
     """How a tile is refined: the rounds of its audits, what is compared, curves of the plane, and what draws follow."""
 
     rounds: Sequence[Round]
@@ -105,10 +107,15 @@ class Plan(NamedTuple):
     seed: int
 
 
-def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> RefinedCells:
+def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
     """Refine the cells rows × columns of a grid of cells.
 
     What a cell holds follows from its block: neither the tile nor its place in it shows.
+
+    Returns
+    -------
+    RefinedCells
+        The cells, computed or filled.
     """
     blocks = Blocks(rows, columns, whole.shape)
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])

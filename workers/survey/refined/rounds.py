@@ -35,8 +35,10 @@ class Round(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """What a round found, by kind of leaf (KINDS,): cells that were to be filled before it, that it audited, of these
-    the ones that disagreed, and cells that are filled after it.
+    """Findings of a round, by kind of leaf (KINDS,).
+
+    Cells that were to be filled before it, that it audited, of these the ones that disagreed, and cells that are filled
+    after it.
     """
 
     before: np.ndarray
@@ -46,12 +48,12 @@ class Counts(NamedTuple):
 
 
 def sure_of(number: int) -> float:
-    """How sure the bound of a round is: all together as sure as SURE, however many there are."""
+    """Return how sure the bound of a round is: all together as sure as SURE, however many there are."""
     return 1.0 - (1.0 - SURE) / 2.0 ** (number + 1)
 
 
 def first_round(audit: float, bound: float | None, cells: int) -> Round:
-    """The first round, of a survey of so many cells; audit: the least share."""
+    """Return the first round, of a survey of so many cells; audit: the least share."""
     if bound is None:
         return Round(audit)
     needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)
@@ -59,8 +61,14 @@ def first_round(audit: float, bound: float | None, cells: int) -> Round:
 
 
 def upper_of(counts: Counts, number: int) -> float:
-    """The upper bound of the share of wrong cells among those that are filled after a round: of those before it the
-    bound that the audit gives, less those that were found.
+    """Return the upper bound of the share of wrong cells among those that are filled after a round.
+
+    Of those before it the bound that the audit gives, less those that were found.
+
+    Returns
+    -------
+    float
+        The bound.
     """
     filled, wrong, audited = (int(x.sum()) for x in (counts.filled, counts.disagreed, counts.audited))
     if not filled:
@@ -70,7 +78,7 @@ def upper_of(counts: Counts, number: int) -> float:
 
 
 def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round | None:
-    """The round after these, of which the last one found `counts`; None if the bound is met."""
+    """Return the round after these, of which the last one found `counts`; None if the bound is met."""
     number = len(rounds)
     if upper_of(counts, number - 1) <= bound:
         return None
@@ -89,7 +97,7 @@ def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round
 
 
 def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
-    """Which share of filled cells has to be audited, where so many are expected to be wrong; 1: all are computed."""
+    """Return the share of filled cells to audit, where so many are expected to be wrong; 1: all are computed."""
     share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
     while share <= MOST:
         found = share * wrong

@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.refined.blocks import Leaves
 from gear_rattle.workers.survey.refined.evidence import SEEN, Evidence
 from rattle import Attractors
 from rattle.attractors import PERIODIC, UNDECIDED
-from rattle.families import Piece, no_attractors, together
+from rattle.families import GridPiece, no_attractors, together
 
 NORMAL = 1.96  # standard deviations in half of a 95 % interval
 
@@ -28,11 +28,13 @@ class Filling(NamedTuple):
 
 
 class Related(NamedTuple):
-    """The orbits (n,) of a block: their row and column in it, their label by number, and equal numbers where they are
-    one: each becomes the other in the next cell.
+    """The orbits (n,) of a block.
+
+    Their row and column in it, their label by number, and equal numbers where they are one: each becomes the other in
+    the next cell.
     """
 
-    existing: Piece
+    existing: GridPiece
     row: np.ndarray
     column: np.ndarray
     label: np.ndarray
@@ -56,8 +58,8 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
     return Filling(together(*(each.table for each in parts)), np.concatenate([each.wider for each in parts]))
 
 
-def related(existing: Piece) -> Related:
-    """Which orbits of a block are one."""
+def related(existing: GridPiece) -> Related:
+    """Return the orbits of a block that are one."""
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
@@ -76,8 +78,9 @@ def related(existing: Piece) -> Related:
 
 @dataclass(frozen=True, eq=False)
 class _Leaf:
-    """A leaf that is filled: cell (n, n), the numbers of its cells in the frame; known, empty: which were computed, and
-    which are to be filled.
+    """A leaf that is filled: cell (n, n), the numbers of its cells in the frame.
+
+    Known, empty: which were computed, and which are to be filled.
     """
 
     evidence: Evidence
@@ -86,7 +89,7 @@ class _Leaf:
     empty: np.ndarray
 
     def without_orbits(self) -> list[Filling]:
-        """The rows where no periodic orbit exists."""
+        """Return the rows where no periodic orbit exists."""
         shares, spread = self._planes(np.zeros((int(self.known.sum()), 0)))
         return self._kinds(shares, spread)
 
@@ -135,9 +138,14 @@ class _Leaf:
         return [*self._kinds(shares, spread), periodic]
 
     def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shares of each kind of SEEN and of each column of `won` (known cells, things) in the empty cells, on planes
-        fitted to the computed ones and made to add up to 1; and how much more than samples these differ from them, a
-        standard deviation.
+        """Return shares in the empty cells, on planes fitted to the computed ones and made to add up to 1.
+
+        Of each kind of SEEN and of each column of `won` (known cells, things).
+
+        Returns
+        -------
+        tuple[np.ndarray, np.ndarray]
+            The shares, and the standard deviation by which they differ from samples.
         """
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
@@ -153,7 +161,7 @@ class _Leaf:
         return np.column_stack([np.ones(len(at)), at])
 
     def _kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
-        """The rows of what is not periodic."""
+        """Return the rows of kinds that are not periodic."""
         found = []
         for which, kind in enumerate(SEEN):
             has = self.evidence.samples[which, self.cell] > 0
@@ -199,8 +207,14 @@ def _normal(shares: np.ndarray) -> np.ndarray:
 
 
 def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Which part of a share each gets of those (k,) that share it, by weight; −1: none, as it is not listed. Where none
-    is listed, or none weighs anything, all get as much.
+    """Return the part of a share that each of those (k,) that share it gets, by weight.
+
+    Where none is listed, or none weighs anything, all get as much.
+
+    Returns
+    -------
+    np.ndarray
+        Parts; −1: none, as it is not listed.
     """
     if not of.size:
         return np.zeros(0)

@@ -11,7 +11,7 @@ import numpy as np
 from gear_rattle.workers.survey.crossings import Crossings
 from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED
-from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square, together
+from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square, cells_together
 from gear_rattle.workers.survey.refined.evidence import Evidence
 from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
 
@@ -37,13 +37,14 @@ class Tree:
     _chosen: np.ndarray = field(init=False)  # (cells,): audited when they are to be filled
 
     def __post_init__(self) -> None:
+        """Check and convert the fields."""
         self.audit, self.leaf = np.zeros((2, self.blocks.n_cells), np.int8)
         self._now = self.rounds[0]
         self._chosen = self.draws < self._now.drawn
 
     @property
     def blocks(self) -> Blocks:
-        """Of these leaves."""
+        """Blocks of these leaves."""
         return self.evidence.blocks
 
     def grow(self) -> None:
@@ -82,7 +83,7 @@ class Tree:
         while size:
             now = [leaves for leaves in waiting if leaves.size == size and leaves.block.size]
             if now:
-                leaves = together(now)
+                leaves = cells_together(now)
                 self.evidence.compute(self.blocks.edges(leaves))
                 if size > 1:
                     same = self._uniform(leaves)
@@ -131,7 +132,7 @@ class Tree:
 
 
 def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Whether one of the curves passes between a cell of the frame and the next one, along δ and along ε."""
+    """Return whether one of the curves passes between a cell of the frame and the next one, along δ and along ε."""
     rows, columns = blocks.frame
     found = []
     for along in range(2):

@@ -1,1 +1,1 @@
-"""What a cell holds: the registry of variables, and how each follows from an evaluation of the cells."""
+"""Contents of a cell: the registry of variables, and how each follows from an evaluation of the cells."""

@@ -52,12 +52,12 @@ class Cells:
 
     @property
     def audit(self) -> np.ndarray:
-        """What the audit of filled cells found of each: codes of `AUDIT`."""
+        """Findings of the audit for each filled cell: codes of `AUDIT`."""
         return np.zeros(self.shape, np.int8)
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """Of each cell that was to be filled, in which round of audits and what kind of leaf."""
+        """Round of audits and kind of leaf of each cell that was to be filled."""
         return np.zeros(self.shape, np.int8)
 
     def one(self, i: int, j: int) -> "Cells":
@@ -96,7 +96,7 @@ class Cells:
 
     @cached_property
     def rests_late(self) -> np.ndarray:
-        """Whether quiet motion takes too many impacts to be told from chaos, shape (n_epsilon, n_delta)."""
+        """True where quiet motion takes too many impacts to be told from chaos, shape (n_epsilon, n_delta)."""
         return self.model.rests_late(self.delta, self.epsilon[:, None])
 
     @cached_property
@@ -125,7 +125,7 @@ class Cells:
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """Whether each δ lies inside the robust-chaos interval, which not every β has."""
+        """True where a δ lies inside the robust-chaos interval, which not every β has."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:

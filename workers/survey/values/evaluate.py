@@ -19,7 +19,7 @@ def orbits(field: str) -> Evaluate:
     return lambda cells: getattr(cells.period_one, field)
 
 
-def grazing(field: str) -> Evaluate:
+def grazing_orbits(field: str) -> Evaluate:
     """Take a field of the curves G1 and G2: shape (2, …, n_delta)."""
     return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
 
@@ -34,6 +34,7 @@ def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
 
 
 def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
+    """Return the values of attractors in the slots of their cells."""
     cell, slot = cells.attractors.cell, _slot(cells)
     filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
     shown = slot < cells.slots
@@ -42,7 +43,7 @@ def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.nd
 
 
 def _slot(cells: Cells) -> np.ndarray:
-    """The number of each attractor in its cell."""
+    """Return the number of each attractor in its cell."""
     cell = cells.attractors.cell
     return np.arange(cell.size) - np.searchsorted(cell, cell)
 
@@ -62,8 +63,8 @@ def unlisted_fraction(cells: Cells) -> np.ndarray:
     return _sum(cells, cells.attractors.samples * (_slot(cells) >= cells.slots)) / cells.count
 
 
-def watched_periods(cells: Cells) -> np.ndarray:
-    """Forcing periods for which what is chaotic or undecided was watched; NaN where every sample settled."""
+def observed_periods(cells: Cells) -> np.ndarray:
+    """Return the forcing periods of observation of chaotic or undecided samples; NaN where every sample settled."""
     least = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmin.at(least, cells.attractors.cell, cells.attractors.watched)
     return least.reshape(cells.shape)
@@ -79,7 +80,7 @@ def _sum(cells: Cells, weights: np.ndarray) -> np.ndarray:
     return np.bincount(cells.attractors.cell, weights, cells.delta.size * cells.epsilon.size).reshape(cells.shape)
 
 
-def number(cells: Cells) -> np.ndarray:
+def attractor_count(cells: Cells) -> np.ndarray:
     """Count the attractors of each cell, beyond the slots too."""
     return _sum(cells, np.ones(cells.attractors.cell.size))
 

@@ -26,7 +26,7 @@ _ERRORS = tuple(each for each in _FIELDS if each[0] not in ("largest_speed", "le
 
 
 def _of_attractors(cells: Cells, field: str) -> np.ndarray:
-    """A field of every row of the table of attractors."""
+    """Return a field of every row of the table of attractors."""
     if field == "level":
         return _levels(cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size])
     return np.asarray(getattr(cells.intensities, field))
@@ -42,7 +42,7 @@ def _slots(field: str) -> Evaluate:
 
 
 def _mean(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """The mean over the sample of each cell; NaN where it is not known of a part."""
+    """Return the mean over the sample of each cell; NaN where it is not known of a part."""
     won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
     return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
 

@@ -171,7 +171,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int16",
         "number of attractors that are known, beyond the slots too",
         _BASINS,
-        evaluate.number,
+        evaluate.attractor_count,
     ),
     Quantity(
         "unlisted_fraction",
@@ -189,7 +189,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "forcing periods for which chaotic and undecided samples were watched at least; NaN if all settled",
         _BASINS,
-        evaluate.watched_periods,
+        evaluate.observed_periods,
     ),
     Quantity(
         "sampled_speed",
@@ -289,7 +289,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "ε on the grazing curve",
         _PLANE,
-        evaluate.grazing("epsilon"),
+        evaluate.grazing_orbits("epsilon"),
     ),
     Quantity(
         "grazing_phase",
@@ -298,7 +298,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of the grazing orbit, in forcing periods",
         _PLANE,
-        evaluate.grazing("tau"),
+        evaluate.grazing_orbits("tau"),
     ),
     Quantity(
         "grazing_multiplier",
@@ -307,7 +307,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "complex128",
         "Floquet multiplier of the grazing orbit, without the square root",
         _PLANE,
-        evaluate.grazing("multipliers"),
+        evaluate.grazing_orbits("multipliers"),
     ),
     Quantity(
         "robust_chaos",

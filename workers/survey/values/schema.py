@@ -19,7 +19,7 @@ PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable
 
 
 class Group(StrEnum):
-    """What a request can ask for; each stands for the variables of that group."""
+    """Groups of variables that a request can ask for."""
 
     REGION = "region"
     ORBITS = "orbits"
@@ -31,8 +31,8 @@ class Group(StrEnum):
     FAMILIES = "families"
 
 
-class Form(StrEnum):
-    """What a row of a table is: a cell, or one of the attractors or of the orbits A to D of a cell."""
+class RowForm(StrEnum):
+    """Kinds of rows of a table: a cell, or one of the attractors or of the orbits A to D of a cell."""
 
     CELLS = "cells"
     ATTRACTORS = "attractors"
@@ -80,23 +80,23 @@ class Quantity:
 
     @property
     def fill(self) -> int | float | complex | bool:
-        """What an entry holds before it is computed and where the thing does not exist: NaN, False or 0."""
+        """Value of an entry before it is computed and where the thing does not exist: NaN, False or 0."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
     def is_of(self, model: str) -> bool:
-        """Whether a model has it."""
+        """Return whether a model has it."""
         needed = {self.needs, GROUP_NEEDS.get(self.group)} if self.group else {self.needs}
         return (needed - {None}) <= MODELS[model].has
 
     @property
     def per_cell(self) -> bool:
-        """Whether tiles fill it; what depends on δ alone is computed with the template."""
+        """True if tiles fill it; quantities of δ alone are computed with the template."""
         return self.dims[-2:] == CELL
 
     @property
     def parts(self) -> tuple["Quantity", ...]:
-        """What is stored of it: itself, or both parts of complex numbers, which few readers know."""
+        """Stored parts: itself, or both parts of complex numbers, which few readers know."""
         if np.dtype(self.dtype).kind != "c":
             return (self,)
         return tuple(
@@ -120,7 +120,7 @@ class Quantity:
 
 
 def is_phase(name: str) -> bool:
-    """Whether a variable is a phase, of which 0.99 and 0.01 are neighbours."""
+    """Return whether a variable is a phase, of which 0.99 and 0.01 are neighbours."""
     return name.endswith("_phase")
 
 

@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from .intervals import IV, Interval, Refused, between, exact, require
+from .intervals import IV, BlockRefused, Interval, exact, interval_between, require
 from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
@@ -34,26 +34,27 @@ Ends = tuple[Fraction, Fraction]
 column = lru_cache(maxsize=64)(Column)  # what is found of some δ serves all claims there
 
 
-def prove(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
+def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
     """Raise Refused unless a claim holds at all points of a block: as a whole, or in halves."""
     try:
         prove_whole(claim, beta, delta, epsilon)
-    except Refused:
+    except BlockRefused:
         if depth == DEEPEST:
             raise
         half = (delta[0] + delta[1]) / 2
         for part in ((delta[0], half), (half, delta[1])):
-            prove(claim, beta, part, epsilon, depth + 1)
+            prove_claim(claim, beta, part, epsilon, depth + 1)
 
 
 def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
-    d, e = between(*delta), between(*epsilon)
+    """Prove a claim for the whole of a block."""
+    d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
         return require_possible(d, e, QUIET[claim])
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
-            found = one(letter, state, d, between(beta, beta), squares)
+            found = check_one(letter, state, d, interval_between(beta, beta), squares)
         else:
             found = two(1 if letter == "D" else -1, state, column(delta, beta), squares)
         require(found == state, f"{letter} is {found}, not {state}")
@@ -63,8 +64,8 @@ def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
     """Likewise, that quiet captures below a speed."""
     try:
-        Capture(between(*delta), between(*epsilon), between(beta, beta)).require_below(speed)
-    except Refused:
+        Capture(interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)).require_below(speed)
+    except BlockRefused:
         if depth == DEEPEST_CAPTURE:
             raise
         cut = epsilon if depth % 2 == 0 else delta
@@ -74,8 +75,8 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
             prove_captured(beta, *both, speed, depth + 1)
 
 
-def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
-    """The state of A or C."""
+def check_one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
+    """Return the state of A or C."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.there():
         return NONE
@@ -83,7 +84,7 @@ def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Int
 
 
 def two(rises: int, state: str, all_s: Column, squares: tuple[Interval, Interval]) -> str:
-    """The state of B or D."""
+    """Return the state of B or D."""
     runs = all_s.runs(rises, *squares)
     require(len(runs) < 2, f"there are {len(runs)}")
     if not runs:
@@ -102,17 +103,18 @@ def check(text: str) -> str:
         if claim == CAPTURES:
             speed = exact(document["speed"])
             require(speed > 0, "its speed is not positive")
-            prove_captured(beta, delta, epsilon, between(speed, speed))
+            prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
             require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")
-            prove(claim, beta, delta, epsilon)
+            prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise BlockRefused(f"it cannot be read: {error}") from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
 def ends_of(texts: Any) -> Ends:
+    """Return both ends of an interval from their texts."""
     low, high = (exact(each) for each in texts)
     require(low <= high, "its ends are not in order")
     return low, high
@@ -125,7 +127,7 @@ def main(path: str) -> int:
         for number, line in enumerate(file, 1):
             try:
                 print(f"proved: {check(line)}")
-            except Refused as why:
+            except BlockRefused as why:
                 print(f"NOT PROVED, line {number}: {why}")
                 status = 1
     return status

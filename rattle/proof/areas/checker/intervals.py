@@ -17,28 +17,30 @@ PI = IV.pi + SLACK
 NUMBER = re.compile(r"\d{1,40}(\.\d{1,100}|/[1-9]\d{0,100})?")
 
 
-class Refused(Exception):  # noqa: N818 - it is an answer, no fault
+class BlockRefused(Exception):  # noqa: N818 - it is an answer, no fault
     """Why a block is not proved."""
 
 
 def require(ok: Any, why: str) -> None:
+    """Raise Refused unless ok."""
     if not ok:
-        raise Refused(why)
+        raise BlockRefused(why)
 
 
 def exact(text: str) -> Fraction:
+    """Return the exact number that a text stands for."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number from 0 on")
     return Fraction(text)
 
 
-def between(low: Fraction, high: Fraction) -> Interval:
-    """The numbers from one to the other."""
+def interval_between(low: Fraction, high: Fraction) -> Interval:
+    """Return the numbers from one to the other."""
     first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
     return IV.mpf([first.a, last.b])
 
 
 def less(x: Any, y: Any) -> bool:
-    """Whether all numbers of one interval are below all of another; what is not a number is not."""
+    """Return whether all numbers of one interval are below all of another; what is not a number is not."""
     try:
         return bool((x - y).b < 0)
     except ValueError:
@@ -51,6 +53,7 @@ def times(x: Interval, y: Interval) -> Interval:
 
 
 def plus(x: Interval, y: Interval) -> Interval:
+    """Return the sum of two enclosures."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
@@ -63,67 +66,74 @@ class Jet:
         self.x, self.s, self.d = x, s, d
 
     def __add__(self, y: Any) -> "Jet":
+        """Return the sum."""
         if not isinstance(y, Jet):
             return Jet(self.x + y, self.s, self.d)
         return Jet(self.x + y.x, plus(self.s, y.s), plus(self.d, y.d))
 
     def __mul__(self, y: Any) -> "Jet":
+        """Return the product."""
         if not isinstance(y, Jet):
             return Jet(self.x * y, times(self.s, y), times(self.d, y))
         s, d = (plus(times(a, y.x), times(self.x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(self.x * y.x, s, d)
 
     def __neg__(self) -> "Jet":
+        """Return the negative."""
         return Jet(-self.x, ZERO if self.s is ZERO else -self.s, ZERO if self.d is ZERO else -self.d)
 
     def __sub__(self, y: Any) -> "Jet":
+        """Return the difference."""
         return self + -y
 
     def __rsub__(self, y: Any) -> "Jet":
+        """Return the difference."""
         return -self + y
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __truediv__(self, y: "Jet") -> "Jet":
+        """Return the quotient."""
         x = self.x / y.x
         s, d = (plus(a, -times(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
     def of(self, x: Interval, slope: Interval) -> "Jet":
-        """A function of it, from its value and its derivative."""
+        """Return a function of it, from its value and its derivative."""
         return Jet(x, times(slope, self.s), times(slope, self.d))
 
     def decay(self) -> "Jet":
-        """e^(−x)."""
+        """Return e^(−x)."""
         x = decayed(self.x)
         return self.of(x, -x)
 
     def turn(self, half: int) -> "tuple[Jet, Jet]":
         """Sine and cosine of so many times half a turn."""
-        sine, cosine = turned(half * PI * self.x)
+        sine, cosine = sine_and_cosine_of(half * PI * self.x)
         return self.of(sine, half * PI * cosine), self.of(cosine, -half * PI * sine)
 
 
 def middle(x: Interval) -> Interval:
+    """Return the middle of an enclosure."""
     return IV.mpf(x.mid)
 
 
-def turned(angle: Interval) -> tuple[Interval, Interval]:
+def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
     """Sine and cosine."""
     return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
 
 
 def decayed(x: Interval) -> Interval:
-    """e^(−x)."""
+    """Return e^(−x)."""
     return IV.exp(-x) * (1 + SLACK)
 
 
 def force(d: Any, cosine: Any, sine: Any) -> Any:
-    """g where ε cos 2πt and ε sin 2πt are these."""
+    """Return g where ε cos 2πt and ε sin 2πt are these."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 
 
-class Box:
+class ParameterBox:
     """Two intervals, and what a function with known derivatives can be over both, by the mean value theorem."""
 
     def __init__(self, s: Interval, d: Interval) -> None:

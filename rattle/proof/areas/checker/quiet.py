@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from .intervals import IV, PI, ZERO, Interval, between, decayed, less, require, turned
+from .intervals import IV, PI, ZERO, Interval, decayed, interval_between, less, require, sine_and_cosine_of
 
 PARTS = 192  # of a period
 UNDONE = IV.mpf(96) / 100  # of the damping, at most
@@ -28,7 +28,7 @@ class Capture:
 
     def require_below(self, speed: Interval) -> None:
         """Refuse unless v³/g falls from each bounce to the next, if the first is slower than this."""
-        places = [between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
+        places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
         for part in places:  # v³/g is at most what it is where g is least
             v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force(part)[0].b / self.weakest) / 3) * UP
@@ -39,8 +39,8 @@ class Capture:
             require(less(h**2 * self.growth(part, h), 2 * UNDONE * self.d), "a bounce may be higher than the last")
 
     def force(self, t: Interval) -> tuple[Interval, Interval, Interval]:
-        """g, and r times sine and cosine of the time since it was least."""
-        sine, cosine = turned(2 * PI * t)
+        """Return g, and r times sine and cosine of the time since it was least."""
+        sine, cosine = sine_and_cosine_of(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
     def half(self, t: Interval, v: Interval) -> Interval:
@@ -69,7 +69,7 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def logarithm(self, t: Interval, x: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Three derivatives of ln (e^(2x) g), x = δ(t − t₀), along what is not damped; and e^(2x) g."""
+        """Return three derivatives of ln (e^(2x) g), x = δ(t − t₀), along what is not damped; and e^(2x) g."""
         w, (g, sine, cosine) = decayed(-x), self.force(t)
         k, d = 2 * PI, self.d
         f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g', g'', g''' over g

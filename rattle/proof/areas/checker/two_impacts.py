@@ -4,14 +4,29 @@ from collections.abc import Callable
 from fractions import Fraction
 from itertools import groupby
 
-from .intervals import IV, ONE, PI, ZERO, Box, Interval, Jet, between, decayed, force, less, middle, require, turned
+from .intervals import (
+    IV,
+    ONE,
+    PI,
+    ZERO,
+    Interval,
+    Jet,
+    ParameterBox,
+    decayed,
+    force,
+    interval_between,
+    less,
+    middle,
+    require,
+    sine_and_cosine_of,
+)
 
 SHARE, SHORTEST = Fraction(1, 64), 2.0**-13  # of the width in δ, to which s is cut; a part of a flight
 Part = tuple[Fraction, Fraction]
 
 
 class Terms:
-    """What all equations are made of: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = ab, and sine and cosine of πs."""
+    """Terms of all equations: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = ab, and sine and cosine of πs."""
 
     def __init__(self, s: Jet, d: Jet) -> None:
         self.s, self.d, self.a, self.b, self.end = s, d, (d * s).decay(), (d * (1 - s)).decay(), d.decay()
@@ -19,7 +34,7 @@ class Terms:
 
 
 def system(t: Terms, beta: Interval) -> list[Jet]:
-    """a₁₁, a₁₂, b₁, a₂₁, a₂₂, b₂ of the equations of (Z₁, Z₂) = ε (sin φ, cos φ), φ = 2πτ + πs."""
+    """Return a₁₁, a₁₂, b₁, a₂₁, a₂₂, b₂ of the equations of (Z₁, Z₂) = ε (sin φ, cos φ), φ = 2πτ + πs."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
     first = both * t.cosine * -2, (t.b - t.a) * t.sine * 2, t.d * lost - both * 4
@@ -27,7 +42,7 @@ def system(t: Terms, beta: Interval) -> list[Jet]:
 
 
 def speeds(t: Terms, z: list[Jet]) -> list[Jet]:
-    """v after Σ⁺, u after Σ⁻, and ε²."""
+    """Return v after Σ⁺, u after Σ⁻, and ε²."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -46,7 +61,7 @@ def room(t: Terms, z: list[Jet]) -> list[Jet]:
     return [one - trace, one + trace]
 
 
-class Cell(Box):
+class Cell(ParameterBox):
     """All solutions with s in an interval, at all δ of another."""
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
@@ -82,7 +97,7 @@ class Cell(Box):
         return self.known[of]
 
     def lacks(self, low: Interval, high: Interval) -> bool:
-        """Whether no motion with ε² between these is here."""
+        """Return whether no motion with ε² between these is here."""
         if any(less(high, bound) for bound in self.least):
             return True
         if not self.solvable:
@@ -92,7 +107,7 @@ class Cell(Box):
         return less(self.mixed(1), low) or less(self.mixed(-1), -high)
 
     def holds(self, rises: int, low: Interval, high: Interval) -> bool | None:
-        """Whether all solutions with ε² between these happen and have such an ε(s); None if it is not told."""
+        """Return whether all solutions with ε² between these happen and have such an ε(s); None if it is not told."""
         if self.lacks(low, high) or (self.solvable and less(rises * self.e.s, ZERO)):
             return False
         if not (self.solvable and less(ZERO, rises * self.e.s) and less(ZERO, self.v.x)):
@@ -107,7 +122,7 @@ class Cell(Box):
         return self.about(sign * e + share * u, self.e * sign + self.u * share)
 
     def falls(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Whether Φ falls (−1: rises) between two events, of which s is one, if it does at both."""
+        """Return whether Φ falls (−1: rises) between two events, of which s is one, if it does at both."""
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
@@ -122,8 +137,8 @@ class Cell(Box):
         return True
 
     def push(self, t: Interval) -> Interval:
-        """g at t after Σ⁺."""
-        sine, cosine = turned(2 * PI * t - PI * self.s)
+        """Return g at t after Σ⁺."""
+        sine, cosine = sine_and_cosine_of(2 * PI * t - PI * self.s)
         z1, z2 = (z.x for z in self.z)
         return force(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
 
@@ -133,7 +148,7 @@ class Cell(Box):
         z1, z2 = (z.x for z in self.z)
 
         def driven(at: Interval) -> Interval:
-            sine, cosine = turned(2 * PI * at - PI * self.s)
+            sine, cosine = sine_and_cosine_of(2 * PI * at - PI * self.s)
             return 4 * PI - 2 * PI * (z1 * cosine + z2 * sine)
 
         return driven(t) + (w - driven(since)) * decayed(self.d * (t - since))
@@ -143,16 +158,21 @@ class Column:
     """All motions of one period at some δ."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
-        self.d, self.beta, self.narrowest = between(*delta), between(beta, beta), SHARE * (delta[1] - delta[0])
+        self.d, self.beta, self.narrowest = (
+            interval_between(*delta),
+            interval_between(beta, beta),
+            SHARE * (delta[1] - delta[0]),
+        )
         self.cells: dict[Part, Cell] = {}
 
     def cell(self, low: Fraction, high: Fraction) -> Cell:
+        """Return the cell of solutions with s between two numbers."""
         if (low, high) not in self.cells:
-            self.cells[low, high] = Cell(between(low, high), self.d, self.beta)
+            self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
     def runs(self, rises: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """The cells of each motion B (D) with ε² between these: where ε(s) takes each of these values once."""
+        """Return the cells of each motion B (D) with ε² between these: where ε(s) takes each of these values once."""
         told, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
@@ -170,16 +190,16 @@ class Column:
         return [run for run in runs if self.crosses(run, rises, low, high)]
 
     def crosses(self, run: list[Part], rises: int, low: Interval, high: Interval) -> bool:
-        """Whether ε goes through all these values along a run; at its ends it has none of them, at any δ."""
+        """Return whether ε goes through all these values along a run; at its ends it has none of them, at any δ."""
         sides = []
         for s in (run[0][0], run[-1][1]):
-            e = Cell(between(s, s), middle(self.d), self.beta).e.x
+            e = Cell(interval_between(s, s), middle(self.d), self.beta).e.x
             require(less(e, low) or less(high, e), "it is not told where a family of motions ends")
             sides.append(1 if less(high, e) else -1)
         return sides == [-rises, rises]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Whether the motion attracts everywhere; else it does so nowhere."""
+        """Return whether the motion attracts everywhere; else it does so nowhere."""
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
