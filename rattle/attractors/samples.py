@@ -101,7 +101,10 @@ class Sets(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Orbits(StructOfArrays):
-    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m."""
+    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m; contact
+    phases in a period, and by how many impacts n_plus is larger than that of the label, in which the impacts of a run
+    that ends in contact are one. Both are 0 where impacts are elastic.
+    """
 
     n: Any
     m: Any
@@ -111,6 +114,8 @@ class Orbits(StructOfArrays):
     v: Any
     first: Any
     second: Any
+    contacts: Any
+    merged: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +143,7 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = Orbits(
         n=np.zeros(n_cells, np.int64),
-        **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus")},
+        **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus", "contacts", "merged")},
         **{name: np.zeros(shape) for name in ("tau", "v", "first", "second")},
     )
     return orbits, Balls(

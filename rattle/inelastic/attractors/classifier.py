@@ -1,0 +1,115 @@
+"""Which attractors the samples of cells of the inelastic gear go to, by the stages of `rattle.attractors.classify`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.attractors.ball import Centres, enlarge_one_by_one
+from rattle.attractors.classify import BUDGET, Classifier, Seen
+from rattle.attractors.samples import Trajectories
+from rattle.attractors.speeds import SampleSpec, SpeedLimit
+from rattle.attractors.table import AttractorTable, of_samples
+from rattle.inelastic.attractors.settle import label_contacts, measure, settle
+from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
+from rattle.inelastic.map.cells import InelasticCells, cells_at
+from rattle.inelastic.map.iterate import returned
+from rattle.parameters import Parameters
+
+
+def cells_of(parameters: Parameters) -> InelasticCells:
+    """Return cells with these parameters (n,), as kernels take them."""
+    added = parameters.added["restitution"], parameters.added["load"]
+    return cells_at(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
+
+
+class InelasticClassifier(Classifier):
+    """The samples of a block of cells on their way, and what is known of the cells."""
+
+    model = "inelastic"
+    cells_of = staticmethod(cells_of)
+
+    @staticmethod
+    def iterated(
+        parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """See `Classifier`."""
+        cells, quiet = cells_of(parameters), np.zeros(tau.size, np.int8)
+        tau, v, cell = tau.copy(), v.copy(), np.zeros(tau.size, np.int64)
+        if parameters.size > 1:
+            cell = np.arange(tau.size)
+        counts = (np.zeros(tau.size, np.int64) for _ in range(3))
+        returned(tau, v, np.full(tau.size, returns), cell, cells, quiet, *counts, np.zeros(tau.size))
+        return tau, v, quiet > 0
+
+    @staticmethod
+    def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
+        """No speed above 0 is known beforehand to become quiet: each impact tells."""
+        return 0.0
+
+    @property
+    def has_quiet(self) -> NDArray[np.bool_]:
+        """Whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
+        return np.asarray((self.cells.count == 0) & (self.cells.positive == 1))
+
+    def enter_known_orbits(self) -> None:
+        """No motion is known beforehand."""
+
+    def grow_balls(self) -> None:
+        """Count the contact phases of new orbits, then grow their balls of capture."""
+        label_contacts(self.grown, self.cells, self.orbits.for_kernels())
+        super().grow_balls()
+
+    def enlarge(self, centres: Centres) -> None:
+        """Find the radii of these balls of capture."""
+        enlarge_one_by_one(centres, self.cells)
+
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
+        """Follow these samples to their ends or limits: every return is looked at, early or not."""
+        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
+
+    def watch(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    ) -> None:
+        """Follow these of the survey's samples with a tangent vector."""
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
+
+
+def attractors_of(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    beta: ArrayLike = 0.6,
+    restitution: ArrayLike = 1.0,
+    load: ArrayLike = 0.0,
+    harmonics: Harmonics = (),
+    count: int = 256,
+    v_max: SpeedLimit = None,
+    seed: int = 0,
+    budget: int = BUDGET,
+    tau: tuple[float, float] = (0.0, 1.0),
+    v_min: float = 0.0,
+) -> AttractorTable:
+    """Return the attractors of many cells at once, as `rattle.attractors_of` does for elastic impacts.
+
+    Parameters
+    ----------
+    delta, epsilon, beta, restitution, load : array_like
+        The parameters of the cells, which broadcast: see `rattle.Gear`.
+    harmonics : sequence of (int, float, float)
+        The harmonics beside the first, the same for all cells: see `rattle.Gear`.
+    count, v_max, seed, budget, tau, v_min
+        The sample of each cell, as in `rattle.attractors_of`.
+
+    Returns
+    -------
+    AttractorTable
+        Cell by cell; those of a cell do not depend on the other cells.
+
+    Raises
+    ------
+    ParameterError
+        A parameter is outside its domain.
+    """
+    cells = points_of(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    return of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

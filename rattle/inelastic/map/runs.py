@@ -1,0 +1,36 @@
+"""How a label counts the impacts of a motion with contact phases (compiled)."""
+
+from rattle.flight.first_impact import OK
+from rattle.inelastic.map.impact_map import step
+from rattle.numerics.compile import kernel
+
+
+@kernel
+def merged_runs(tau, v, n, point):
+    """Contact phases of a periodic motion of n returns, and the impacts on Σ⁺ that the label leaves out: a run of
+    impacts on Σ⁺, between Σ⁻ or a release and the contact in which it ends, counts as one.
+    """
+    contacts, merged, run, counted = 0, 0, 0, -1
+    for _ in range(2 * n):
+        status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)
+        if status != OK:
+            break
+        run += 1
+        if counted >= 0:
+            contacts += on_plus + on_minus
+            counted += 1
+        if on_plus > 0:
+            if counted >= 0:
+                merged += run - 1
+            run = 0
+            counted = max(counted, 0)
+        elif below > 0:
+            run = 0
+        if counted == n:
+            return contacts, merged
+    # no contact on Σ⁺: count those on Σ⁻ over one period
+    contacts = 0
+    for _ in range(n):
+        status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)
+        contacts += on_minus
+    return contacts, 0
