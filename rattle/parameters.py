@@ -42,6 +42,8 @@ class Parameter:
         Its unit, "1" for a number without one.
     is_axis : bool
         Whether it may be the third axis of a survey.
+    may_be_zero : bool
+        Whether 0 is allowed too.
     machine_number : str, optional
         The number of a `rattle.Machine` that makes it.
     machine_text, machine_absent : str
@@ -60,6 +62,7 @@ class Parameter:
     greatest: float = math.inf
     unit: str = "1"
     is_axis: bool = True
+    may_be_zero: bool = False
     machine_number: str | None = None
     machine_text: str = ""
     machine_absent: str = ""

@@ -9,6 +9,7 @@ from typing import Any
 
 from rattle.errors import ParameterError, require_one_of
 from rattle.models.impacting import Impacting
+from rattle.models.inelastic import Inelastic
 from rattle.models.model import AnyGear, Capability, Functions, Limits, Model
 from rattle.models.stiff import Stiff
 from rattle.parameters import BETA, Parameter, Parameters
@@ -17,6 +18,7 @@ from rattle.parameters import BETA, Parameter, Parameters
 MODELS: dict[str, type[Model]] = {
     Impacting.name: Impacting,
     Stiff.name: Stiff,
+    Inelastic.name: Inelastic,
 }  # more of them here
 DEFAULT_MODEL = next(iter(MODELS))
 #: What models add to δ, ε and β, by name: no two of them add the same.
@@ -35,7 +37,8 @@ def owner_of(name: str) -> type[Model]:
 
 
 def model_adding(names: Any) -> type[Model]:
-    """Return the model that has these parameters beside δ, ε and β; the default one if there are none.
+    """Return the model that has these parameters beside δ, ε and β, and no other without a default; the first one if
+    there are none.
 
     Raises
     ------
@@ -44,7 +47,8 @@ def model_adding(names: Any) -> type[Model]:
     """
     wanted = set(names)
     for model in MODELS.values():
-        if wanted == {each.name for each in model.added}:
+        needed = {each.name for each in model.added if each.default is None}
+        if needed <= wanted <= {each.name for each in model.added}:
             return model
     for name in wanted:
         require_one_of("a parameter", name, ADDED)
@@ -65,7 +69,10 @@ def model_at(gear: AnyGear) -> Model:
 def model_with(parameters: Parameters, number: int = 0) -> Model:
     """Return the model that has the numbers of one of these points."""
     point = parameters.point(number)
-    return MODELS[parameters.model](**{name: point[name] for name in parameters.others})
+    numbers: dict[str, Any] = {name: point[name] for name in parameters.others}
+    if parameters.harmonics:
+        numbers["harmonics"] = parameters.harmonics
+    return MODELS[parameters.model](**numbers)
 
 
 def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
@@ -97,6 +104,7 @@ __all__ = [
     "CapabilityError",
     "Functions",
     "Impacting",
+    "Inelastic",
     "Limits",
     "Model",
     "Parameter",

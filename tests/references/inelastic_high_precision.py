@@ -72,12 +72,12 @@ def first_impact(gear: Gear, wall: int, t0: float, w: float, most: float = 20.0)
         low, high = mpf(float(grid[i])), mpf(float(grid[i + 1]))
         marks = [high]
         if turns[i]:
-            marks.insert(0, _bisected(lambda s: state(gear, t, w_, s)[1], low, high))
+            marks.insert(0, bisected(lambda s: state(gear, t, w_, s)[1], low, high))
         for mark in marks:
             height = state(gear, t, w_, mark)[0]
             for level, target in ((upper, 1), (lower, -1)):
                 if target * (height - level) > 0:
-                    end = _bisected(lambda s, level=level: state(gear, t, w_, s)[0] - level, low, mark)
+                    end = bisected(lambda s, level=level: state(gear, t, w_, s)[0] - level, low, mark)
                     return end, target, state(gear, t, w_, end)[1]
             low = mark
     raise AssertionError("no impact")
@@ -94,7 +94,7 @@ def _in_doubles(gear: Gear, t0: float, w: float, s: np.ndarray) -> tuple[np.ndar
     return height, gear.drift + a * np.exp(-gear.delta * s) - (amplitude * turn * np.sin(after)).sum(axis=1)
 
 
-def _bisected(function: Callable[[mpf], mpf], low: mpf, high: mpf) -> mpf:
+def bisected(function: Callable[[mpf], mpf], low: mpf, high: mpf) -> mpf:
     """Where a function takes the sign that it has at high, for the last time."""
     positive = function(high) > 0
     for _ in range(140):

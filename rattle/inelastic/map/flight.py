@@ -186,7 +186,7 @@ def first_impact(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    if outwards > 0.0:
+    if outwards > 0.0 and wall * flight.w < 0.0:  # not a release, where the force is 0 to rounding
         guess = -2.0 * wall * flight.w / outwards
         length = min(BEYOND * guess, LONGEST_PIECE)
     while s < LONGEST:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from depth import either
-from inelastic_high_precision import Gear, first_impact, force, state
+from inelastic_high_precision import Gear, bisected, first_impact, force, state
 from mpmath import mp, mpf
 
 import rattle
@@ -120,11 +120,8 @@ def test_grazes(count: int) -> None:
         turn = next((i for i in range(1, len(speeds)) if speeds[i - 1] < 0 < speeds[i]), None)
         if turn is None:
             continue
-        at = mp.findroot(
-            lambda s, far=far, tau=tau, speed=speed: state(far, mpf(tau), mpf(-speed), s)[1],
-            (mpf(grid[::10][turn - 1]), mpf(grid[::10][turn])),
-            solver="anderson",
-        )
+        ends = mpf(float(grid[::10][turn - 1])), mpf(float(grid[::10][turn]))
+        at = bisected(lambda s, v=speed, t=tau, far=far: state(far, mpf(t), mpf(-v), s)[1], *ends)
         lowest = state(far, mpf(tau), mpf(-speed), at)[0]
         if not lowest < -0.05:
             continue
