@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,7 @@ from rattle.inelastic.map.trajectory import trajectory
 from rattle.inelastic.orbits.closed_form import flip_of_c, period_one_orbits, saddle_node
 from rattle.inelastic.orbits.periodic import InelasticOrbit, periodic_orbit
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import Orbit
+from rattle.orbits.period_one import NAMES, Orbit, PeriodOne, classify
 from rattle.parameters import Parameters
 
 
@@ -165,6 +165,23 @@ class InelasticGear(Sampled):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
         """Return the periodic motion near (τ, v) that repeats itself after n_plus returns: see `periodic_orbit`."""
         return periodic_orbit(self._point, _phase(tau), v, n_plus)
+
+    def saddle(self, orbit: Orbit) -> NoReturn:
+        """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""
+        raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting one")
+
+    def region(self) -> int:
+        """Return the region that the period-one motions make under one cosine: its number in `rattle.REGIONS`.
+
+        Raises RattleError with harmonics, where A to D are not known.
+        """
+        if self.harmonics:
+            raise RattleError("regions are those of one cosine: leave out the harmonics")
+        found = {each.name: each for each in period_one_orbits(self._point)}
+        exists = np.array([name in found for name in NAMES])
+        stable = np.array([name in found and found[name].stable for name in NAMES])
+        nothing = np.full(len(NAMES), np.nan)
+        return int(classify(PeriodOne(exists, stable, nothing, nothing, np.full((len(NAMES), 2), complex(np.nan)))))
 
     def _repr_html_(self) -> str:
         return repr(self)

@@ -112,10 +112,13 @@ def cells_at(
 ) -> InelasticCells:
     """Return cells with these parameters (n,) and one shape of the forcing, as kernels take them."""
     shape, n = shape_of(harmonics), delta.size
-    given = (np.ascontiguousarray(x, np.float64) for x in (delta, epsilon, beta, restitution, load))
-    whole = [np.zeros(n, np.int64) for _ in range(2)]
+    given = {"delta": delta, "epsilon": epsilon, "beta": beta, "restitution": restitution, "load": load}
     cells = InelasticCells(
-        *given, shape, np.zeros((n, most_zeros(shape) + 2)), *whole, *(np.zeros(n) for _ in range(3))
+        **{name: np.ascontiguousarray(x, np.float64) for name, x in given.items()},
+        shape=shape,
+        zeros=np.zeros((n, most_zeros(shape) + 2)),
+        **{name: np.zeros(n, np.int64) for name in ("count", "positive")},
+        **{name: np.zeros(n) for name in ("third", "capture", "quiet_invariant")},
     )
     fill_cells(cells)
     return cells
@@ -125,5 +128,5 @@ def point_with(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
     """Return one parameter point, as kernels take it."""
-    numbers = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
-    return InelasticPoint(*point_at(0, cells_at(*numbers, harmonics)))
+    numbers = [np.array([x]) for x in (delta, epsilon, beta, restitution, load)]
+    return InelasticPoint(*point_at(0, cells_at(*numbers, harmonics=harmonics)))

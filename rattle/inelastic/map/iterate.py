@@ -125,7 +125,7 @@ def iterate(
     (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
     n_plus, n_minus, contacts = _counts(tau_.size, 3)
     returned(tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size))
-    return Iterates(*(x.reshape(shape) for x in (tau_, v_, n_plus, n_minus)))
+    return Iterates(tau_.reshape(shape), v_.reshape(shape), n_plus.reshape(shape), n_minus.reshape(shape))
 
 
 def iterate_tangent(

@@ -44,8 +44,8 @@ class Inelastic(Model):
         """β, and what the model has besides, by name; not its harmonics, which are no numbers."""
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
-    def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:
-        """Return the model at one point."""
+    def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
+        """Return the model at one point: without what `has` does not list, such as intensities."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
