@@ -5,14 +5,16 @@ What a model has beside δ, ε and β, and what else tells it from others, is on
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rattle.errors import ParameterError, require_one_of
+from rattle.inelastic.given import checked_harmonics
 from rattle.models.impacting import Impacting
 from rattle.models.inelastic import Inelastic
 from rattle.models.model import AnyGear, Capability, Functions, Limits, Model
 from rattle.models.stiff import Stiff
-from rattle.parameters import BETA, Parameter, Parameters
+from rattle.parameters import BETA, Harmonic, Parameter, Parameters
 
 #: All models by name; the first is the one that is meant where nothing says which.
 MODELS: dict[str, type[Model]] = {
@@ -55,10 +57,21 @@ def model_adding(names: Any) -> type[Model]:
     raise ParameterError(f"no model has {' and '.join(sorted(wanted))} together: give those of one")
 
 
-def model_of(beta: float = 0.6, **added: float | None) -> Model:
+def model_of(beta: float = 0.6, harmonics: Sequence[Harmonic] = (), **added: float | None) -> Model:
     """Return the model that has what is added, such as kappa=1e4; None stands for nothing. Raises ParameterError."""
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
-    return model_adding(given)(beta, **given)
+    model = model_adding(given)
+    if harmonics:
+        given["harmonics"] = checked_harmonics_of(model.name, harmonics)
+    return model(beta, **given)
+
+
+def checked_harmonics_of(model: str, harmonics: Sequence[Harmonic]) -> tuple[Harmonic, ...]:
+    """Return harmonics as a model takes them. Raises ParameterError where it takes none, or these are wrong."""
+    if not MODELS[model].takes_harmonics:
+        able = " or ".join(name for name, each in MODELS.items() if each.takes_harmonics)
+        raise ParameterError(f"the {model} model takes no harmonics: leave them out, or use the {able} model")
+    return checked_harmonics(harmonics)
 
 
 def model_at(gear: AnyGear) -> Model:
@@ -110,6 +123,7 @@ __all__ = [
     "Parameter",
     "Parameters",
     "Stiff",
+    "checked_harmonics_of",
     "gear_at",
     "lacking",
     "model_adding",

@@ -32,6 +32,7 @@ class Inelastic(Model):
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
     tile_samples = 16_384
     design_gears = 256
+    takes_harmonics = True
     compiled_at = (0.1, 0.25)  # quiet motion beside impacts; contact phases
 
     def __post_init__(self) -> None:
