@@ -1,17 +1,21 @@
 """An existing cluster as others run it: over TLS, with other versions, without this package."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 from depth import either
 from parts import authority, dask_part, environment
 from service_processes import ENVIRONMENT, OPTIONS, REQUEST, assert_bit_identical, finish, free_port, serial_run
-from waiting import SELDOM, wait_until
+from waiting import HANG, SELDOM, wait_until
 
 import rattle
 from gear_rattle.workers import open_survey
+from gear_rattle.workers.cluster.cluster import connect
+from gear_rattle.workers.errors import ClusterLostError
 
 OTHER = "0.0.1"
 #: What a worker's process does before anything else: it says that it has another version of a package.
@@ -83,6 +87,63 @@ def test_a_worker_without_this_package_says_so(tmp_path: Path) -> None:
     assert "cannot import gear_rattle: install it there" in said
     assert rattle.__version__ in said
     assert "Traceback" not in said
+
+
+@contextmanager
+def late_worker(directory: Path, url: str, first: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A worker that begins with some Python, and its log."""
+    log = directory / "worker.log"
+    (directory / "later").mkdir()
+    (directory / "later" / "sitecustomize.py").write_text(first)
+    command = [sys.executable, "-m", "dask", "worker", url, *ONE_WORKER, "--local-directory", str(directory / "local")]
+    environment = ENVIRONMENT | {"PYTHONPATH": str(directory / "later")}
+    with log.open("wb") as file:
+        worker = subprocess.Popen(command, cwd=directory, env=environment, stdout=file, stderr=file)
+        try:
+            yield worker, log
+        finally:
+            worker.terminate()
+            worker.wait(timeout=HANG)
+
+
+def connected(url: str) -> AbstractContextManager[object]:
+    """Connect once the cluster has workers."""
+    stack = ExitStack()
+
+    def is_there() -> bool:
+        try:
+            stack.enter_context(connect(url))
+        except ClusterLostError:
+            return False
+        return True
+
+    wait_until(is_there, SELDOM)
+    return stack
+
+
+def test_a_worker_of_another_version_that_joins_later_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with cluster(tmp_path, "") as url, connected(url):
+        first = ANOTHER_VERSION.format(other=OTHER, package="gear-rattle")
+        with late_worker(tmp_path, url, first) as (worker, log):
+            worker.wait(timeout=HANG)  # its nanny does not start it again
+            wait_until(lambda: "is refused" in caplog.text)
+            for said in (log.read_text(), caplog.text):
+                assert f"has gear-rattle {OTHER}, and the process that runs surveys has gear-rattle " in said
+                assert rattle.__version__ in said
+        store = tmp_path / "survey.zarr"
+        status, said = run(url, store)  # the other worker is still there
+        assert status == 0, said
+        with open_survey(store) as dataset:
+            assert_bit_identical(dataset, serial_run(REQUEST))
+
+
+def test_a_worker_without_this_package_that_joins_later_computes_nothing(tmp_path: Path) -> None:
+    root = str(Path(rattle.__file__).parents[1])
+    with cluster(tmp_path, "") as url, connected(url):
+        with late_worker(tmp_path, url, WITHOUT.format(root=root)) as (_, log):
+            wait_until(lambda: "No module named 'gear_rattle'" in log.read_text())
 
 
 def test_the_command_uses_a_cluster_over_tls_by_its_scheduler_file(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import pickle
+import platform
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from importlib import metadata
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
@@ -67,15 +69,31 @@ OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Other versions of these do not understand each other, or compute other bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
 SHOWN = 3  # workers that a message names
+REFUSED = "gear-rattle-refused"  # topic of dask's events: workers of another version
+
+logger = logging.getLogger(__name__)
 
 
 class WarmKernels(WorkerPlugin):
-    """Load the kernels, compiled first if need be, before the first tile, also on a worker that was restarted."""
+    """Load the kernels, compiled first if need be, before the first tile, also on a worker that was restarted.
+
+    Parameters
+    ----------
+    versions
+        Versions that a worker must have, also one that joins later, by package; none where workers are our own.
+    """
 
     name = "gear-rattle-kernels"
 
+    def __init__(self, versions: Mapping[str, str | None] | None = None) -> None:
+        self.versions = dict(versions or {})
+
     async def setup(self, worker: Worker) -> None:
         """Warm the kernels of this process. Its heart does not beat by itself yet, and a first compilation is long."""
+        if sentence := different_version(self.versions, f"the worker at {worker.address}"):
+            worker.log_event(REFUSED, {"message": sentence})
+            await worker.close(reason=sentence)  # and its nanny, which would start it again
+            raise SurveyError(sentence)  # dask writes it to the worker's log
         warming = asyncio.create_task(asyncio.to_thread(rattle.precompile, load=True))
         while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
             await worker.heartbeat()
@@ -236,6 +254,8 @@ def connect(url: str) -> Iterator[Client]:
         url: address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read
             anew at each call: a batch system starts the next scheduler elsewhere.
 
+    A worker that joins later with other versions is closed, and the log of both processes names both versions.
+
     Raises:
         ClusterLostError: nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
         SurveyError: its workers cannot run the kernels, or have other versions.
@@ -254,7 +274,8 @@ def connect(url: str) -> Iterator[Client]:
             ) from error
         try:
             require_compatible(client)
-            client.register_plugin(WarmKernels())
+            client.subscribe_topic(REFUSED, _log_refused)
+            client.register_plugin(WarmKernels(installed_versions()))
         except SurveyError:
             raise
         except Exception as error:
@@ -287,6 +308,32 @@ def require_compatible(client: Client) -> None:
                 f"{_named(list(differing))} has {name} {theirs}, and this process has {name} {version or 'none'}: "
                 "install the same version on both"
             )
+
+
+def installed_versions() -> dict[str, str | None]:
+    """Return the versions of this process by package, of Python the first two numbers."""
+    found: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
+    for name in PACKAGES:
+        found[name] = None
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+def different_version(required: Mapping[str, str | None], where: str) -> str:
+    """Return a sentence with both versions of the first package that differs here; nothing if none does."""
+    here = installed_versions()
+    for name, version in required.items():
+        if here[name] != version:
+            return (
+                f"{where} has {name} {here[name] or 'none'}, and the process that runs surveys has {name} "
+                f"{version or 'none'}: the worker is refused; install the same version on both"
+            )
+    return ""
+
+
+def _log_refused(event: tuple[float, Any]) -> None:
+    logger.warning("%s", event[1]["message"])
 
 
 def _here(client: Client) -> str:
