@@ -3,10 +3,14 @@
 The manifest has the digest of every file by its key, because a chunk's own checksum knows no position.
 """
 
+import pickle
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +23,7 @@ from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import manifest_of, read, said_by_root, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
+from rattle.numerics import environment
 
 STATUS = "status"
 COMPLETED = "date_completed"  # what the root of a completed survey says
@@ -52,12 +57,27 @@ class Integrity:
         return not self.tiles
 
 
-def examine(where: str | Path | Place) -> Integrity:
+def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
     """Read every file of a survey's store. A chunk that is not there is lost once the survey was completed.
 
-    Raises:
-        SurveyError: there is no survey, or too much of it is damaged to know which it was.
-        StorageError: the object store fails.
+    Parameters
+    ----------
+    where
+        Path or s3:// URL of the store.
+    processes
+        Number of processes that read tiles.
+
+    Returns
+    -------
+    Integrity
+        The same with any number of processes.
+
+    Raises
+    ------
+    SurveyError
+        There is no survey, or too much of it is damaged to know which it was.
+    StorageError
+        The object store fails.
     """
     place = place_of(where)
     if not place.occupied():
@@ -72,7 +92,7 @@ def examine(where: str | Path | Place) -> Integrity:
     if manifest is None:
         number, lost = _undecodable(place, attributes)
         return Integrity(frozenset(), {}, lost, 0, number, version, completed)
-    done, damaged = examine_tiles(place, manifest)
+    done, damaged = _examine_apart(place, manifest, processes) if processes > 1 else examine_tiles(place, manifest)
     if completed:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
@@ -143,6 +163,43 @@ def examine_tiles(
             else:
                 done.add(index)
     return done, damaged
+
+
+def _examine_apart(
+    place: Place, manifest: Manifest, processes: int
+) -> tuple[set[int], dict[int, tuple[str, ...]]]:
+    """Return what `examine_tiles` does, from processes that each read every so many tiles."""
+    tiles = list(manifest.tiles.items())
+    parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
+    done, damaged = set[int](), dict[int, tuple[str, ...]]()
+    with ThreadPoolExecutor(processes) as threads:
+        for found, lost in threads.map(partial(_examined_apart, str(place)), parts):
+            done |= found
+            damaged |= lost
+    return done, damaged
+
+
+def _examined_apart(where: str, manifest: Manifest) -> tuple[set[int], dict[int, tuple[str, ...]]]:
+    """Return what `examine_tiles` finds in a process of its own, which never imports the main module."""
+    command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
+    answer = subprocess.run(
+        command, input=pickle.dumps((where, manifest)), stdout=subprocess.PIPE, env=environment(), check=True
+    ).stdout
+    found: tuple[set[int], dict[int, tuple[str, ...]]] | Exception = pickle.loads(answer)
+    if isinstance(found, Exception):
+        raise found
+    return found
+
+
+def serve() -> None:
+    """Examine the tiles of the store that stdin names, and write what was found, or the error, to stdout."""
+    (where, manifest), answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
+    sys.stdout = sys.stderr  # what a library prints is no answer
+    try:
+        found: object = examine_tiles(place_of(where), manifest)
+    except Exception as error:
+        found = error
+    pickle.dump(found, answer)
 
 
 def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
