@@ -10,9 +10,10 @@ from rattle.attractors.classify import BUDGET, Classifier, Seen
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
+from rattle.families.join import cells_between
 from rattle.inelastic.attractors.settle import label_contacts, measure, settle
 from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
-from rattle.inelastic.map.cells import InelasticCells, cells_at
+from rattle.inelastic.map.cells import InelasticCells, cells_at, cells_with
 from rattle.inelastic.map.iterate import returned
 from rattle.parameters import Parameters
 
@@ -21,6 +22,16 @@ def cells_of(parameters: Parameters) -> InelasticCells:
     """Return cells with these parameters (n,), as kernels take them."""
     added = parameters.added["restitution"], parameters.added["load"]
     return cells_at(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
+
+
+@cells_between.register
+def _(
+    cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
+) -> InelasticCells:
+    """Cells on the way find the zeros of their contact force anew."""
+    given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
+    mixed = ((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given)
+    return cells_with(*mixed, cells.shape)
 
 
 class InelasticClassifier(Classifier):

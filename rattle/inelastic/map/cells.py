@@ -110,8 +110,20 @@ def cells_at(
     load: NDArray[np.float64],
     harmonics: Any = (),
 ) -> InelasticCells:
-    """Return cells with these parameters (n,) and one shape of the forcing, as kernels take them."""
-    shape, n = shape_of(harmonics), delta.size
+    """Return cells with these parameters (n,) and harmonics beside the first, as kernels take them."""
+    return cells_with(delta, epsilon, beta, restitution, load, shape_of(harmonics))
+
+
+def cells_with(
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    restitution: NDArray[np.float64],
+    load: NDArray[np.float64],
+    shape: NDArray[np.float64],
+) -> InelasticCells:
+    """Return cells with these parameters (n,) and this shape (3, K) of the forcing."""
+    n = delta.size
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, "restitution": restitution, "load": load}
     cells = InelasticCells(
         **{name: np.ascontiguousarray(x, np.float64) for name, x in given.items()},

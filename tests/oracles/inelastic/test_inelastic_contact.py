@@ -35,10 +35,10 @@ def random_gear(rng: np.random.Generator) -> InelasticGear:
     harmonics = [(int(k), float(rng.uniform(0, 0.6) / k**2), float(rng.random())) for k in (2, 5, 9)]
     load = float(rng.choice([0.0, 1.0]))
     epsilon = (
-        float(rng.uniform(0.7, 2.5))
+        float(rng.uniform(0.7, 4.0))
         * rattle.Gear(delta, 0.1, 0.6, restitution=0.9, load=load, harmonics=harmonics).quiet_limit
     )
-    return InelasticGear(delta, epsilon, float(rng.uniform(0.2, 0.8)), float(rng.uniform(0.3, 0.9)), load, harmonics)
+    return InelasticGear(delta, epsilon, float(np.exp(rng.uniform(np.log(0.005), np.log(0.8)))), float(rng.uniform(0.3, 0.9)), load, harmonics)
 
 
 def test_captured_means_that_the_chatter_completes() -> None:
@@ -76,7 +76,7 @@ def test_motions_are_those_of_the_brute_force() -> None:
         events = marched(gear, tau, v, periods)
         motion = gear.trajectory(tau, v, periods, 3001)
         impacts = events[events[:, 1] == IMPACT]
-        slow = 1e-4
+        slow = 1e-2  # slower ones may belong to a chatter that is summed
         seen = impacts[(impacts[:, 3] > slow) & (impacts[:, 0] < tau + periods)]
         ours = np.stack([motion.impact_time + tau, motion.impact_wall, motion.impact_speed], axis=1)
         ours = ours[ours[:, 2] > slow]
@@ -121,8 +121,8 @@ def test_impulses_balance_with_contact() -> None:
                 force = np.array([force_at(s % 1.0, gear.delta, point.drift, point.harmonics)[0] for s in grid])
                 pressed = 0.5 * (end - begin) * float(weights @ force)
                 impulse += wall * gear.restitution * motion.impact_speed[before] + pressed
-            if resting[0] or resting[-1]:
-                continue  # the motion begins or ends in contact, which this test does not count
+            if resting[0] or resting[-1] or edges.size != x.contacts:
+                continue  # in contact at its ends, or for less than the time between two samples
             assert impulse / x.m == pytest.approx(gear.delta * point.drift, rel=1e-6)
             seen += 1
 
