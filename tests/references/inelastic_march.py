@@ -137,11 +137,14 @@ def label(events: np.ndarray, now: float, scale: float) -> str:
     events = merged(events)
     marks = events[events[:, 1] != RELEASE]
     releases = events[events[:, 1] == RELEASE]
+    recent = marks[marks[:, 0] > now - 4.0, 0]
+    if len(recent) < 2:
+        return "other"
+    widest = int(np.argmax(np.diff(recent)))
+    end = 0.5 * float(recent[widest] + recent[widest + 1])  # no impact is at the end of a window
     for m in range(1, MOST_PERIOD + 1):
-        begin = now - 2.0 - m
-        # count releases instead of entries to contact, whose times are not sharp
         last, before = (
-            marks[(marks[:, 0] > begin - shift) & (marks[:, 0] <= begin + m - shift)] for shift in (0.0, float(m))
+            marks[(marks[:, 0] > end - m - shift) & (marks[:, 0] <= end - shift)] for shift in (0.0, float(m))
         )
         if len(last) != len(before) or len(last) == 0:
             continue
@@ -149,7 +152,7 @@ def label(events: np.ndarray, now: float, scale: float) -> str:
         same = np.array_equal(last[:, 1:3], before[:, 1:3]) and np.allclose(last[:, 3], before[:, 3], atol=2e-4 * scale)
         if same_time and same:
             n_plus, n_minus = int((last[:, 2] > 0).sum()), int((last[:, 2] < 0).sum())
-            contacts = int(((releases[:, 0] > begin) & (releases[:, 0] <= begin + m)).sum())
+            contacts = int(((releases[:, 0] > end - m) & (releases[:, 0] <= end)).sum())
             return f"P({m},{n_plus},{n_minus}" + (f";{contacts})" if contacts else ")")
     return "other"
 

@@ -38,7 +38,14 @@ def random_gear(rng: np.random.Generator) -> InelasticGear:
         float(rng.uniform(0.7, 4.0))
         * rattle.Gear(delta, 0.1, 0.6, restitution=0.9, load=load, harmonics=harmonics).quiet_limit
     )
-    return InelasticGear(delta, epsilon, float(np.exp(rng.uniform(np.log(0.005), np.log(0.8)))), float(rng.uniform(0.3, 0.9)), load, harmonics)
+    return InelasticGear(
+        delta,
+        epsilon,
+        float(np.exp(rng.uniform(np.log(0.005), np.log(0.8)))),
+        float(rng.uniform(0.3, 0.9)),
+        load,
+        harmonics,
+    )
 
 
 def test_captured_means_that_the_chatter_completes() -> None:

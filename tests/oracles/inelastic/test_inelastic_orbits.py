@@ -28,7 +28,9 @@ def test_limits(r: float, born: float, flip: float) -> None:
 
 def test_limits_of_elastic_impacts_are_those_of_the_elastic_gear() -> None:
     for delta in (0.45, 0.6, 0.8):
-        assert inelastic.saddle_node(delta, 1.0, DRIFT) == pytest.approx(float(rattle.sn1(delta, virtual=True)), rel=1e-13)
+        assert inelastic.saddle_node(delta, 1.0, DRIFT) == pytest.approx(
+            float(rattle.sn1(delta, virtual=True)), rel=1e-13
+        )
     assert inelastic.flip_of_c(0.5, 1.0, DRIFT) == pytest.approx(float(rattle.flip(0.5, virtual=True)), rel=1e-13)
     assert inelastic.quiet_limit(0.6, DRIFT) == pytest.approx(float(rattle.quiet_limit(0.6)), rel=1e-14)
 
