@@ -6,10 +6,10 @@ What a model has beside δ, ε and β, and what else tells it from others, is on
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from rattle.errors import ParameterError, require_one_of
-from rattle.inelastic.given import checked_harmonics
 from rattle.models.impacting import Impacting
 from rattle.models.inelastic import Inelastic
 from rattle.models.model import AnyGear, Capability, Functions, Limits, Model
@@ -57,21 +57,27 @@ def model_adding(names: Any) -> type[Model]:
     raise ParameterError(f"no model has {' and '.join(sorted(wanted))} together: give those of one")
 
 
-def model_of(beta: float = 0.6, harmonics: Sequence[Harmonic] = (), **added: float | None) -> Model:
+def model_of(beta: float = 0.6, **added: float | None) -> Model:
     """Return the model that has what is added, such as kappa=1e4; None stands for nothing. Raises ParameterError."""
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
-    model = model_adding(given)
-    if harmonics:
-        given["harmonics"] = checked_harmonics_of(model.name, harmonics)
-    return model(beta, **given)
+    return model_adding(given)(beta, **given)
 
 
-def checked_harmonics_of(model: str, harmonics: Sequence[Harmonic]) -> tuple[Harmonic, ...]:
-    """Return harmonics as a model takes them. Raises ParameterError where it takes none, or these are wrong."""
-    if not MODELS[model].takes_harmonics:
+def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
+    """Return a model with these harmonics beside the first one of its forcing, if there are any.
+
+    Raises
+    ------
+    ParameterError
+        The model takes none, or one is wrong; the message says what to do.
+    """
+    if not harmonics:
+        return model
+    if not model.takes_harmonics:
         able = " or ".join(name for name, each in MODELS.items() if each.takes_harmonics)
-        raise ParameterError(f"the {model} model takes no harmonics: leave them out, or use the {able} model")
-    return checked_harmonics(harmonics)
+        raise ParameterError(f"the {model.name} model takes no harmonics: leave them out, or use the {able} model")
+    taking: Any = model
+    return replace(taking, harmonics=tuple(harmonics))
 
 
 def model_at(gear: AnyGear) -> Model:
@@ -82,10 +88,8 @@ def model_at(gear: AnyGear) -> Model:
 def model_with(parameters: Parameters, number: int = 0) -> Model:
     """Return the model that has the numbers of one of these points."""
     point = parameters.point(number)
-    numbers: dict[str, Any] = {name: point[name] for name in parameters.others}
-    if parameters.harmonics:
-        numbers["harmonics"] = parameters.harmonics
-    return MODELS[parameters.model](**numbers)
+    model = MODELS[parameters.model](**{name: point[name] for name in parameters.others})
+    return with_harmonics(model, parameters.harmonics)
 
 
 def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
@@ -123,7 +127,6 @@ __all__ = [
     "Parameter",
     "Parameters",
     "Stiff",
-    "checked_harmonics_of",
     "gear_at",
     "lacking",
     "model_adding",
@@ -132,4 +135,5 @@ __all__ = [
     "model_with",
     "owner_of",
     "require_capability",
+    "with_harmonics",
 ]

@@ -34,9 +34,9 @@ from rattle.models import (
     Capability,
     Model,
     Parameter,
-    checked_harmonics_of,
     model_of,
     owner_of,
+    with_harmonics,
 )
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none
@@ -247,8 +247,7 @@ class SurveyRequest(_Numbers):
             if name not in own and value is not None:
                 owner = owner_of(name).name
                 raise ValueError(f'{name} is of the {owner} model: set model to "{owner}", or leave {name} out')
-        if self.harmonics:
-            checked_harmonics_of(self.model, self.harmonics)
+        with_harmonics(MODELS[self.model](), self.harmonics)  # checks them
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
@@ -323,7 +322,7 @@ class SurveyRequest(_Numbers):
         """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
         if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
-        return model_of(**self.others, harmonics=self.harmonics)
+        return with_harmonics(model_of(**self.others), self.harmonics)
 
     @property
     def in_closed_form(self) -> bool:

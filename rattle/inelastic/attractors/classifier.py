@@ -30,8 +30,10 @@ def _(
 ) -> InelasticCells:
     """Cells on the way find the zeros of their contact force anew."""
     given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
-    mixed = ((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given)
-    return cells_with(*mixed, cells.shape)
+    delta, epsilon, beta, restitution, load = (
+        (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
+    )
+    return cells_with(delta, epsilon, beta, restitution, load, cells.shape)
 
 
 class InelasticClassifier(Classifier):

@@ -7,8 +7,7 @@ follows a release does not depend on what went before; its tangent map is 0, and
 import math
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.one_by_one import begun, finish, looked
-from rattle.attractors.samples import ALIGNMENT, Outcome, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, Outcome, begun, finish, looked, mark, top_speed
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit

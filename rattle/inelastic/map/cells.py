@@ -140,5 +140,5 @@ def point_with(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
     """Return one parameter point, as kernels take it."""
-    numbers = [np.array([x]) for x in (delta, epsilon, beta, restitution, load)]
-    return InelasticPoint(*point_at(0, cells_at(*numbers, harmonics=harmonics)))
+    d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
+    return InelasticPoint(*point_at(0, cells_at(d, e, b, r, more, harmonics)))

@@ -1,6 +1,7 @@
 """How a label counts the impacts of a motion with contact phases (compiled)."""
 
 from rattle.flight.first_impact import OK
+from rattle.flight.law import wrapped
 from rattle.inelastic.map.impact_map import step
 from rattle.numerics.compile import kernel
 
@@ -34,3 +35,20 @@ def merged_runs(tau, v, n, point):
         status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)
         contacts += on_minus
     return contacts, 0
+
+
+@kernel
+def returns_by_contact(tau, v, most, near, point):
+    """The number of returns after which a motion with a contact phase is back at (τ, v), 0 if there is none.
+
+    Such a motion repeats to the bit, but its label does not say how many returns it makes.
+    """
+    t, w, contacts = tau, v, 0
+    for k in range(1, most + 1):
+        status, t, w, _time, _below, on_plus, on_minus = step(t, w, point)
+        if status != OK:
+            return 0
+        contacts += on_plus + on_minus
+        if contacts > 0 and abs(wrapped(t - tau)) < near and abs(w - v) < near * v:
+            return k
+    return 0

@@ -8,11 +8,12 @@ from typing import NamedTuple
 from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.inelastic.map.runs import merged_runs
+from rattle.inelastic.map.runs import merged_runs, returns_by_contact
 from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
 MOST_RETURNS = 4096
+CLOSE = 1e-6  # a motion with contact that comes back as close as this is the one that is meant
 
 
 class InelasticOrbit(NamedTuple):
@@ -38,7 +39,9 @@ class InelasticOrbit(NamedTuple):
 
 
 def periodic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
-    """Return the periodic motion near a state (τ, v) that repeats itself after n_plus returns to Σ⁺.
+    """Return the periodic motion near a state (τ, v) that repeats itself after n_plus impacts on Σ⁺.
+
+    A state of a motion with contact phases is enough, whatever n_plus.
 
     Raises
     ------
@@ -48,6 +51,7 @@ def periodic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1)
         Newton's method on the return map finds none.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
+    k = returns_by_contact(tau, v, MOST_RETURNS, CLOSE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(f"there is no periodic motion of {n_plus} impacts on Σ⁺ near tau = {tau:g}, v = {v:g}")

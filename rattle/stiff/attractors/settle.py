@@ -8,8 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.one_by_one import begun, finish, looked
-from rattle.attractors.samples import ALIGNMENT, Outcome, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, Outcome, begun, finish, looked, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import for_type, inline, kernel

@@ -111,10 +111,10 @@ def test_impulses_balance_with_contact() -> None:
     while seen < either(6, 60):
         gear = random_gear(rng)
         for x in gear.attractors(16):
-            if x.kind != "periodic" or not x.contacts:
+            if x.kind != "periodic" or not x.contacts or x.m > 20:
                 continue
             point = gear._point
-            motion = gear.trajectory(x.tau, x.v, float(x.m), 20_001)
+            motion = gear.trajectory(x.tau, x.v, x.m + 1e-9, 20_001)
             impulse = (1 + gear.restitution) * float((motion.impact_wall * motion.impact_speed).sum())
             resting = (motion.velocity == 0.0) & (np.abs(motion.phi) == gear.beta)
             edges = np.flatnonzero(np.diff(resting.astype(int)) == 1)
@@ -127,10 +127,11 @@ def test_impulses_balance_with_contact() -> None:
                 grid = 0.5 * (begin + end) + 0.5 * (end - begin) * t
                 force = np.array([force_at(s % 1.0, gear.delta, point.drift, point.harmonics)[0] for s in grid])
                 pressed = 0.5 * (end - begin) * float(weights @ force)
-                impulse += wall * gear.restitution * motion.impact_speed[before] + pressed
+                # from there to the release Φ' goes from that of departure to 0
+                impulse += pressed - wall * gear.restitution * motion.impact_speed[before]
             if resting[0] or resting[-1] or edges.size != x.contacts:
                 continue  # in contact at its ends, or for less than the time between two samples
-            assert impulse / x.m == pytest.approx(gear.delta * point.drift, rel=1e-6)
+            assert impulse / x.m == pytest.approx(gear.delta * point.drift, rel=1e-8), (gear, x)
             seen += 1
 
 
