@@ -11,7 +11,7 @@ from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.families.join import cells_between
-from rattle.inelastic.attractors.settle import label_contacts, measure, settle
+from rattle.inelastic.attractors.settle import CONTACT, ContactStates, label_contacts, measure, resolve_contacts, settle
 from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
 from rattle.inelastic.map.cells import InelasticCells, cells_at, cells_with
 from rattle.inelastic.map.iterate import returned
@@ -39,6 +39,16 @@ def _(
 class InelasticClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
+    def __init__(
+        self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
+    ) -> None:
+        """As the classifier of any gear, which knows no contact phases at first."""
+        room = len(cells.delta), cells.zeros.shape[1]  # a state for each release at most
+        self.states = ContactStates(
+            np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
+        )
+        super().__init__(cells, tau, v, budget)
+
     model = "inelastic"
     cells_of = staticmethod(cells_of)
 
@@ -63,7 +73,7 @@ class InelasticClassifier(Classifier):
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
         """Whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
-        return np.asarray((self.cells.count == 0) & (self.cells.positive == 1))
+        return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
     def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
@@ -73,19 +83,33 @@ class InelasticClassifier(Classifier):
         label_contacts(self.grown, self.cells, self.orbits.for_kernels())
         super().grow_balls()
 
+    def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
+        """Find the orbits of recurrent samples: exactly where they recur after contact, else by Newton's method."""
+        exact = samples.pause[which] == CONTACT
+        waiting = which[exact]
+        while waiting.size:
+            left = np.zeros_like(waiting)
+            tables = samples.for_kernels(), self.orbits.for_kernels()
+            waiting = left[: resolve_contacts(waiting, self.cells, *tables, self.states, left)]
+            self.grow_balls()
+            if waiting.size:
+                self.make_room(2 * self.orbits.m.shape[1])
+        super().resolve(which[~exact], samples)
+
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these balls of capture."""
+        """Find the radii of these balls of capture; orbits with contact need none, as their states tell."""
+        centres.radius[self.orbits.first[centres.cell, centres.orbit] == -np.inf] = 0.0
         enlarge_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow these samples to their ends or limits: every return is looked at, early or not."""
-        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
+        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels(), self.states)
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        tables = self.samples.for_kernels(), self.balls.for_kernels(), self.states
         measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
 

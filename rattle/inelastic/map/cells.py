@@ -18,7 +18,8 @@ from rattle.orbits.return_map import between, point_of
 
 class InelasticCells(NamedTuple):
     """Parameters of the cells (n,), the shape (3, K) of the forcing that all have, and what follows for each: its zeros
-    (n, room), count of them; positive: 1 where the contact force is at phase 0; the others as in `InelasticPoint`.
+    (n, room), zero_count (n,) of them; positive: 1 where the contact force is at phase 0; the others as in
+    `InelasticPoint`.
     """
 
     delta: Any
@@ -28,7 +29,7 @@ class InelasticCells(NamedTuple):
     load: Any
     shape: Any
     zeros: Any
-    count: Any
+    zero_count: Any
     positive: Any
     third: Any
     capture: Any
@@ -50,7 +51,7 @@ def fill_cells(cells):
         delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
         harmonics = scaled(cells.shape, cells.epsilon[i])
         count, positive = isolated_zeros(delta, drift, harmonics, cells.zeros[i])
-        cells.count[i], cells.positive[i] = count, 1 if positive else 0
+        cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
         cells.third[i] = bounds_of(delta, harmonics).third
         cells.capture[i] = capture_of(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
         if count == 0 and positive:
@@ -67,7 +68,7 @@ def point_at(cell, cells):
         cells.restitution[cell],
         DRIFT * (1.0 + cells.load[cell]),
         scaled(cells.shape, cells.epsilon[cell]),
-        cells.zeros[cell, : cells.count[cell]].copy(),
+        cells.zeros[cell, : cells.zero_count[cell]].copy(),
         cells.positive[cell] == 1,
         cells.third[cell],
         cells.capture[cell],
@@ -129,7 +130,7 @@ def cells_with(
         **{name: np.ascontiguousarray(x, np.float64) for name, x in given.items()},
         shape=shape,
         zeros=np.zeros((n, most_zeros(shape) + 2)),
-        **{name: np.zeros(n, np.int64) for name in ("count", "positive")},
+        **{name: np.zeros(n, np.int64) for name in ("zero_count", "positive")},
         **{name: np.zeros(n) for name in ("third", "capture", "quiet_invariant")},
     )
     fill_cells(cells)
