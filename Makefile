@@ -70,7 +70,7 @@ bytecode: $(INSTALLED)
 kernels: impacting-kernels stiff-kernels
 
 impacting-kernels stiff-kernels: %-kernels: $(INSTALLED)
-	$(BIN)/python -c 'from rattle.numerics.compile import compile_apart; compile_apart("gear_rattle.service.compilation", "everything", "$*")'
+	$(BIN)/python -c 'from gear_rattle.service.kernels import compile_kernels; compile_kernels("$*")'
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -156,7 +156,7 @@ class Client:
         Returns
         -------
         httpx.Response
-            The answer.
+            The answer of the service, with a status below 400.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Compute small pieces of work, so that every kernel that the service needs of a model is compiled."""
+"""Compute small pieces of work, so that every kernel that answers to requests need of a model is compiled."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from gear_rattle.service.operations.points import curves_document, intensities, 
 from rattle.attractors import BUDGET, SampleSpec
 from rattle.families import joined
 from rattle.models import Capability
-from rattle.numerics import compile_apart
-from rattle.precompile import Steps, example_of, survey
+from rattle.precompile import Steps, example_of
 
 AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels
 
 
-def everything(name: str) -> Steps:
-    """Return what needs any kernel of this model; that a survey's are compiled is noted with it."""
+def answers(name: str) -> Steps:
+    """Return the steps that need the kernels of this model which no survey needs: those of answers to requests."""
     model, (delta, epsilon) = example_of(name), AT
     gear = model.gear(delta, epsilon)
 
@@ -27,14 +26,10 @@ def everything(name: str) -> Steps:
         table = model.attractors_of(deltas, epsilons[:, None], SampleSpec(16))
         joined(deltas, epsilons, 16, table, model.cells(deltas, epsilons))
 
-    compile_apart(survey.__module__, survey.__name__, name)
-    return (
-        survey(name)
-        | {
-            "closed forms": lambda: orbits_document(gear),
-            "curves": lambda: curves_document(model, (0.99 * delta, delta), (0.0, 0.2)),
-            "attractors of a point": attractors,
-            "the view of a point": lambda: parts.warm_up(gear),
-        }
-        | ({"crises": lambda: rattle.crisis_side(*AT)} if Capability.CRISIS in model.has else {})
-    )
+    crises: Steps = {"crises": lambda: rattle.crisis_side(*AT)} if Capability.CRISIS in model.has else {}
+    return {
+        "closed forms": lambda: orbits_document(gear),
+        "curves": lambda: curves_document(model, (0.99 * delta, delta), (0.0, 0.2)),
+        "attractors of a point": attractors,
+        "the view of a point": lambda: parts.warm_up(gear),
+    } | crises

@@ -23,7 +23,13 @@ log = logging.getLogger(__name__)
 
 
 #: What compiles a survey's kernels, which workers wait for, and what compiles all others: a module and its function.
-WORKS = (("rattle.precompile", "survey"), ("gear_rattle.service.compilation", "everything"))
+WORKS = (("rattle.precompile", "survey"), ("gear_rattle.service.compilation", "answers"))
+
+
+def compile_kernels(model: str) -> None:
+    """Compile all kernels of a model, and wait for that."""
+    for module, work in WORKS:
+        compile_apart(module, work, model)
 
 
 class Kernels:

@@ -34,7 +34,7 @@ def certify_areas(
 
     Returns
     -------
-    list[Block]
+    list[ProvedBlock]
         The blocks.
 
     Raises

@@ -33,7 +33,7 @@ def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     Returns
     -------
     bool
-        The answer.
+        True if the bound is still to be met.
     """
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 

@@ -121,7 +121,7 @@ def certify_survey(
     ----------
     survey : xr.Dataset
         As `open_survey` gives it.
-    prove : Callable[[Sequence[list[Claim]]], list[Answers]]
+    prove : Callable[[Sequence[list[AttractorClaim]]], list[Answers]]
         Proves some parts of the attractors, anywhere: `certify_claims` of each, in order. What it raises is raised.
     at_once : int
         Parts that it is given at a time: what they give is kept when all are through.

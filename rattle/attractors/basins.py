@@ -38,7 +38,7 @@ MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13  # at weak damping: impacts of all 
 
 
 def budget_of(delta: float, states: int) -> int:
-    """Return the most impacts of each of so many states: those of a survey, fewer of many at weak damping."""
+    """Return the largest number of impacts of each state: a survey's, and fewer if many states are weakly damped."""
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
@@ -69,7 +69,7 @@ class StatePlane:
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the states after so many returns, and whether they have become quiet on the way."""
+        """Return the states after `returns` returns, and whether they became quiet on the way."""
         return self.classifier.iterated(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:

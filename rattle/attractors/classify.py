@@ -95,7 +95,7 @@ class Classifier(ABC):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way.
+        """Return the states (k,) after `returns` returns, at one point or k of them, and whether they became quiet.
 
         One that goes on bouncing is located there.
         """
@@ -137,7 +137,7 @@ class Classifier(ABC):
     ) -> None:
         """Follow these (k,) of the survey's samples with a tangent vector, in place.
 
-        Each for so many impacts and forcing periods (k,) at least.
+        Each is followed for at least `least` impacts and `periods` forcing periods (k,).
         """
 
     def run(self) -> None:
@@ -164,7 +164,7 @@ class Classifier(ABC):
     def settled(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Return the status (k,) of other states of these cells after so many impacts at most, all (k,).
+        """Return the status (k,) of other states of these cells after at most `most` impacts; all arrays (k,).
 
         One that reaches no attractor by then is UNRESOLVED, and judged no further. Orbits that they find are known to
         the cells from then on.
@@ -323,7 +323,7 @@ class Classifier(ABC):
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return whether samples of these cells, followed for so long instead of so many periods, may be chattering."""
+        """Return whether samples may be chattering: followed for `time`, where `periods` were expected."""
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
@@ -442,7 +442,7 @@ def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
 ) -> Trajectories:
-    """Return samples (k,) without an impact, of so many impacts at most; the arrays are followed in place."""
+    """Return samples (k,) that have made no impact, with a limit of impacts; the arrays are followed in place."""
     return Trajectories(
         cell=np.ascontiguousarray(cell),  # another layout would be another variant of each kernel
         tau=tau,

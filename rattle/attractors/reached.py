@@ -145,7 +145,7 @@ class Sampled:
         return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """Return the attractors that states go to, told apart as `attractors` tells those of its sample.
+        """Return the attractors that states go to, distinguished as those of the sample in `attractors`.
 
         Tau and v broadcast.
 

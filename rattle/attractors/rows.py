@@ -30,7 +30,7 @@ class Rows(NamedTuple):
 
 @inline
 def row_of_outcome(kind, which, orbits):
-    """Return the number of a cell's attractor among all that it might have, if so many are orbits."""
+    """Return the number of a cell's attractor: quiet motion, then `orbits` orbits, then chaotic sets."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -40,7 +40,7 @@ def row_of_outcome(kind, which, orbits):
 def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
     """Fill the columns of `rows_of`, zero before, and return how many rows there are.
 
-    With so many orbits in a cell at most, in room (2, places) for the attractors met in it.
+    A cell has at most `orbits` orbits; room (2, places) is for the attractors met in it.
 
     Returns
     -------

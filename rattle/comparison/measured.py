@@ -50,7 +50,7 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
 
     Returns
     -------
-    Measured
+    MeasuredImpacts
         The impacts.
 
     Raises
@@ -90,7 +90,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 
     Returns
     -------
-    Measured
+    MeasuredImpacts
         The impacts.
 
     Raises

@@ -40,7 +40,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
 
     Returns
     -------
-    Problem
+    ContinuationProblem
         The equations.
 
     Raises

@@ -240,7 +240,7 @@ def pieces(
 
     Returns
     -------
-    list[Piece]
+    list[CurvePiece]
         The pieces.
     """
     found: list[CurvePiece] = []

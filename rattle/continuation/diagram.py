@@ -136,8 +136,6 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
     def plot(self) -> Figure:
         """Draw speed and phase of the impacts on Σ⁺ against the parameter, as the paper's Figures 5 and 9.
 
-        Returns a matplotlib figure.
-
         Returns
         -------
         Figure
@@ -279,7 +277,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
 
     Returns
     -------
-    tuple[list[Piece], bool]
+    tuple[list[BranchPiece], bool]
         The parts, and whether a sweep missed one at a step.
     """
     small, new = [], False

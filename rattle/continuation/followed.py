@@ -138,8 +138,6 @@ class FollowedBranch(ABC):
     def plot(self) -> Figure:
         """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
 
-        Returns a matplotlib figure.
-
         Returns
         -------
         Figure

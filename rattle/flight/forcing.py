@@ -23,7 +23,7 @@ from numpy import float32 as f32
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.flight import coefficients
-from rattle.numerics.compile import inline, kernel
+from rattle.numerics.compile import Inline, inline, kernel
 from rattle.numerics.polynomial import degree_4, degree_5, degree_10
 
 TWO_PI = 2.0 * math.pi
@@ -69,6 +69,18 @@ def sine_defect32(q):
     return degree_4(coefficients.SINE_DEFECT_32, q)
 
 
+class FlightFunctions(NamedTuple):
+    """The functions of the forcing that a flight takes, in one precision: inline kernels."""
+
+    versines: Inline
+    turned: Inline
+    drop: Inline
+    slowing: Inline
+    plus_slope: Inline
+    plus_acceleration: Inline
+    plus_acceleration_after: Inline
+
+
 def _forcing(real, versine, sine_defect):
     """Build the functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
     two_pi = real(TWO_PI)
@@ -101,26 +113,26 @@ def _forcing(real, versine, sine_defect):
         return (two_pi * epsilon) * dsin
 
     @inline
-    def plus_slope(x, sine, cosine, epsilon):  # noqa: ARG001
+    def plus_slope(x, sine, cosine, epsilon):
         """Return x + e'."""
         return x - two_pi * epsilon * sine
 
     @inline
-    def plus_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
+    def plus_acceleration(x, sine, cosine, epsilon):
         """Return x + e''."""
         return x - two_pi * two_pi * epsilon * cosine
 
     @inline
-    def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):  # noqa: ARG001
+    def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):
         """Return x + e'' after what `turned` returns: the sine is not added up before it is needed."""
         return x - two_pi * two_pi * epsilon * cos1
 
-    return versines, turned, drop, slowing, plus_acceleration_after, plus_slope, plus_acceleration
+    return FlightFunctions(versines, turned, drop, slowing, plus_slope, plus_acceleration, plus_acceleration_after)
 
 
 IN_DOUBLE, IN_SINGLE = _forcing(np.float64, versine64, sine_defect64), _forcing(np.float32, versine32, sine_defect32)
-versines, turned, drop, slowing, _plus_acceleration_after, plus_slope, plus_acceleration = IN_DOUBLE
-plus_slope32 = IN_SINGLE[5]
+versines, turned, drop, slowing = IN_DOUBLE.versines, IN_DOUBLE.turned, IN_DOUBLE.drop, IN_DOUBLE.slowing
+plus_slope, plus_acceleration, plus_slope32 = IN_DOUBLE.plus_slope, IN_DOUBLE.plus_acceleration, IN_SINGLE.plus_slope
 
 
 @inline
@@ -159,19 +171,19 @@ def later_phase(step, sine, cosine):
 
 
 @inline
-def third_derivative(sine, cosine, epsilon):  # noqa: ARG001
+def third_derivative(sine, cosine, epsilon):
     """Return e'''."""
     return TWO_PI * TWO_PI * TWO_PI * epsilon * sine
 
 
 @inline
-def fourth_derivative(sine, cosine, epsilon):  # noqa: ARG001
+def fourth_derivative(sine, cosine, epsilon):
     """Return e⁗."""
     return TWO_PI**4 * epsilon * cosine
 
 
 @inline
-def slope_loss(sin0, cos0, sin1, cos1, epsilon):  # noqa: ARG001
+def slope_loss(sin0, cos0, sin1, cos1, epsilon):
     """Return e'(t₀) − e'(t₁)."""
     return TWO_PI * epsilon * (sin1 - sin0)
 
@@ -305,19 +317,19 @@ def plus_mean_acceleration32(x, mean_cosine, epsilon):
 
 
 @inline
-def third_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+def third_derivative32(sine, cosine, epsilon):
     """Return e'''."""
     return W3 * epsilon * sine
 
 
 @inline
-def fourth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+def fourth_derivative32(sine, cosine, epsilon):
     """Return e⁗."""
     return W4 * epsilon * cosine
 
 
 @inline
-def minus_fifth_derivative32(sine, cosine, epsilon):  # noqa: ARG001
+def minus_fifth_derivative32(sine, cosine, epsilon):
     """−e⁽⁵⁾."""
     return W5 * epsilon * sine
 
@@ -342,7 +354,7 @@ def slope_range32(epsilon):
 
 
 @inline
-def largest_slope_loss32(sin0, cos0, epsilon):  # noqa: ARG001
+def largest_slope_loss32(sin0, cos0, epsilon):
     """Return the largest e'(t₀) − e'(t₁) at any later time."""
     return W1 * epsilon * (f32(1.0) - sin0)
 
@@ -394,7 +406,7 @@ def analytic_change(t0, t1, s, epsilon):
 
 
 @inline
-def plus_analytic_acceleration(x, sine, cosine, epsilon):  # noqa: ARG001
+def plus_analytic_acceleration(x, sine, cosine, epsilon):
     """Return x + e'', with the products in the order that the stored bits of curves have."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
@@ -414,7 +426,7 @@ def change_shape(t0, t1, s):
 
 
 @inline
-def slope_shape(sine, cosine):  # noqa: ARG001
+def slope_shape(sine, cosine):
     """Return e'/ε, likewise."""
     return -TWO_PI * sine
 

@@ -92,7 +92,8 @@ def decay32(x):
 
 def _law(real, decay, forced):
     """Build the flight law in one precision: an inline kernel of straight-line code for vectorised loops."""
-    one, (versines, turned, drop, slowing, plus_acceleration_after) = real(1.0), forced[:5]
+    one, versines, turned, drop = real(1.0), forced.versines, forced.turned, forced.drop
+    slowing, plus_acceleration_after = forced.slowing, forced.plus_acceleration_after
 
     @inline
     def evaluate(s, flight):

@@ -60,7 +60,7 @@ def off_edges(to_exit, arc_length, delta):
     Returns
     -------
     result
-        The answer.
+        True if the side is certain.
     """
     return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 
@@ -77,7 +77,7 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
     Returns
     -------
     result
-        The answer.
+        True if that is certain.
     """
     w, a, sin0, _cos0, delta, epsilon = flight
     to_entry, to_exit, inside = arc_ahead(tau, arc)
@@ -125,7 +125,7 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
     Returns
     -------
     result
-        The answer.
+        True if that is certain.
     """
     fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
     shallow = fastest * s * LATER < f32(0.9999) * gap
@@ -145,7 +145,7 @@ def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     Returns
     -------
     result
-        The answer.
+        True if that is certain.
     """
     w, delta = flight.w, flight.delta
     to_entry, to_exit, inside = arc_ahead(tau, arc)

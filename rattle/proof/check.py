@@ -208,7 +208,7 @@ class MotionPiece:
         Returns
         -------
         bool
-            The answer.
+            True if that is proved.
         """
 
         def clear(y: Interval) -> bool:

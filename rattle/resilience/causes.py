@@ -62,7 +62,7 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
 
     Returns
     -------
-    End
+    OrbitEnd
         The end of the orbit.
     """
     at, step, share = orbit, 1.0, 0.0

@@ -78,7 +78,7 @@ class StiffGear(Sampled, Rattling):
 
         Returns
         -------
-        Motion
+        MotionState
             The state after it.
 
         Raises

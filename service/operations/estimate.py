@@ -45,7 +45,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
     Returns
     -------
-    Estimate
+    CostEstimate
         The estimate.
 
     Raises

@@ -31,7 +31,7 @@ async def in_turn(
     Returns
     -------
     Result
-        The result.
+        The return value of `compute`.
 
     Raises
     ------

@@ -48,7 +48,7 @@ def ends_in(
 
     Returns
     -------
-    Ends
+    FamilyEnds
         The edges.
     """
     width = part.right - part.left + 1

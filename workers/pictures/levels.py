@@ -57,7 +57,7 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Lev
 
     Returns
     -------
-    Part
+    LevelPart
         The part; None stands for the map itself.
     """
     for level in (None, *levels):
@@ -200,7 +200,7 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
 
     Returns
     -------
-    Seen
+    DisplayedCells
         The displayed cells.
     """
     values = found.most.astype(np.int64)

@@ -175,7 +175,7 @@ def overflows(b, i):
     Returns
     -------
     result
-        The answer.
+        True if they must be reset.
     """
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)

@@ -118,7 +118,7 @@ def bifurcation_curve(
     Returns
     -------
     Curve
-        The curve.
+        The curve, in pieces.
 
     Raises
     ------

@@ -300,7 +300,7 @@ def motions(piece: PlanePiece, all_s: tuple[SolutionCell, SolutionCell], letter:
 
     Returns
     -------
-    list[list[Cell]]
+    list[list[SolutionCell]]
         Cells of each motion.
 
     Raises
@@ -331,7 +331,7 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
     Returns
     -------
     bool
-        The answer.
+        True if both are inside, False if one is outside.
 
     Raises
     ------

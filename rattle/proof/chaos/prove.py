@@ -127,7 +127,7 @@ def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
     Returns
     -------
     bool
-        The answer.
+        True if they are separated.
     """
     for a in (one, other):
         for i in (1, 2):

@@ -295,7 +295,7 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
 
     Returns
     -------
-    tuple[Family, ...]
+    tuple[StiffFamily, ...]
         The families.
 
     Raises

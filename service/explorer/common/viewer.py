@@ -92,7 +92,7 @@ class Viewer:
         Returns
         -------
         Result
-            The result.
+            The return value of `work`.
         """
 
         def run() -> Result:

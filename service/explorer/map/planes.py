@@ -136,7 +136,7 @@ class MapPlane:
 
         Returns
         -------
-        Block
+        MapBlock
             The block.
         """
         (j, end_j), (i, end_i) = (
@@ -309,7 +309,7 @@ class Atlas:
 
         Returns
         -------
-        tuple[Plane, bool]
+        tuple[MapPlane, bool]
             The map, and whether it is complete.
 
         Raises

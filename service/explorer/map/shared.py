@@ -136,7 +136,7 @@ class Shared:
 
         Returns
         -------
-        tuple[Plane, bool, Block, Colouring]
+        tuple[MapPlane, bool, MapBlock, Colouring]
             The map, whether it is complete, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)

@@ -153,7 +153,7 @@ class Explorer:
         Returns
         -------
         Response
-            The answer.
+            The head of the page; the rest comes by its websocket.
         """
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)

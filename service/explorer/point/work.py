@@ -101,7 +101,7 @@ class Work:
         Returns
         -------
         Result
-            The result.
+            The return value of the function.
         """
         await self.kernels()
         async with self._front.slow_points.one() if slow else nullcontext():

@@ -29,7 +29,7 @@ POINTS = (
 def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Where it would be written that all is compiled, and is not."""
     monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
-    return tmp_path / f"everything-{Impacting.name}.note"
+    return tmp_path / f"answers-{Impacting.name}.note"
 
 
 @pytest.fixture
@@ -149,8 +149,7 @@ from rattle.models import MODELS, Capability
 from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
-from gear_rattle.service.kernels import WORKS
-from rattle.numerics.compile import compile_apart
+from gear_rattle.service.kernels import compile_kernels
 from gear_rattle.service.routes.model.basins import _draw
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
@@ -158,7 +157,7 @@ from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 from gear_rattle.workers.survey.template import template_of
 
 name = sys.argv[1]
-compile_apart(*WORKS[-1], name)
+compile_kernels(name)
 needed = []
 
 

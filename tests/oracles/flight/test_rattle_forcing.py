@@ -94,7 +94,7 @@ def test_changes_of_the_forcing_over_a_flight(rng):
         later = sine0 + dsin, cosine1
         assert later == pytest.approx(forcing.phase_at((t0 + s) % 1.0), abs=1e-14)
         assert forcing.slope_loss(sine0, cosine0, *later, epsilon) == pytest.approx(float(loss), abs=1e-14)
-        after = forcing.IN_DOUBLE[4](0.25, sine0, dsin, cosine1, epsilon)
+        after = forcing.IN_DOUBLE.plus_acceleration_after(0.25, sine0, dsin, cosine1, epsilon)
         assert after == pytest.approx(forcing.plus_acceleration(0.25, *later, epsilon), abs=1e-14)
         change = forcing.analytic_change(complex(t0), complex(t0 + s), complex(s), epsilon)
         assert change == pytest.approx(float(s * derivative(1, t0, epsilon) - drop), abs=1e-14)
