@@ -216,6 +216,8 @@ class Model(ABC):
         How long a cell takes whatever its samples; None where these decide.
     design_gears : int
         Gears that are drawn where tolerances of a point are answered at once.
+    takes_harmonics : bool
+        Whether its forcing may have harmonics beside the first.
     compiled_at : tuple of float
         Eccentricities, at δ = β = 0.6, of the cells that are computed so that its kernels are compiled.
     """
@@ -232,6 +234,7 @@ class Model(ABC):
     tile_samples: ClassVar[int] = 65_536
     cell_milliseconds: ClassVar[float | None] = None
     design_gears: ClassVar[int] = 1024
+    takes_harmonics: ClassVar[bool] = False
     compiled_at: ClassVar[tuple[float, ...]] = (0.1,)
 
     def __post_init__(self) -> None:

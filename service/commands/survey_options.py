@@ -41,6 +41,13 @@ OPTIONS: dict[str, Any] = {
         )
         for name, each in added().items()
     },
+    "harmonic": _option(
+        list[str],
+        "A harmonic of the forcing beside the first: its order, amplitude over that of the first, and phase in turns. "
+        "Repeatable. Needs --restitution, 1 of which is an elastic impact.",
+        metavar="ORDER:AMPLITUDE:PHASE",
+        show_default="none",
+    ),
     "count": _option(int, "Number of initial conditions per cell."),
     "v_max": _option(
         str,
@@ -166,6 +173,8 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
                 fields["model"] = each.model
         if "tile" in fields:
             fields["tile"] = _tile(fields["tile"])
+        if harmonics := fields.pop("harmonic", None):
+            fields["harmonics"] = tuple(_harmonic(text) for text in harmonics)
         if quantities := fields.pop("quantity", None):
             fields["quantities"] = tuple(quantities)
         if machine:
@@ -188,6 +197,16 @@ def _number_or_axis(option: str, text: str) -> float | Axis:
         return float(text)
     except ValueError as error:
         raise typer.BadParameter(f"{text!r}: write a number, or {AXIS}", param_hint=option) from error
+
+
+def _harmonic(text: str) -> tuple[int, float, float]:
+    try:
+        order, amplitude, phase = text.split(":")
+        return int(order), float(amplitude), float(phase)
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"harmonic {text!r}: write ORDER:AMPLITUDE:PHASE, such as 20:0.0033:0", param_hint="--harmonic"
+        ) from error
 
 
 def _tile(text: str) -> dict[str, int]:
