@@ -189,6 +189,12 @@ class InelasticGear(Sampled, Rattling):
         """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""
         raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting one")
 
+    def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
+        """Raise RattleError: a motion is not followed from inside the gap, as after a shock."""
+        raise RattleError(
+            "motions that begin inside the gap are not followed for the inelastic gear: give τ and v on Σ⁺"
+        )
+
     def region(self) -> int:
         """Return the region that the period-one motions make under one cosine.
 

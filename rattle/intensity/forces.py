@@ -11,5 +11,10 @@ def force_lines(point: Any) -> list[tuple[float, complex]]:
     """Return (frequency, size) of the contact force Σ size e^(i frequency t) of a point, the mean first.
 
     Points whose forcing is not one cosine register a function of their own.
+
+    Returns
+    -------
+    list of (float, complex)
+        The lines.
     """
     return Forcing(point.epsilon).lines(point.delta)

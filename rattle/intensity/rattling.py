@@ -58,9 +58,9 @@ class Rattling(ABC):
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
         """Return the order spectrum of the contact force, from order 0 to the highest.
 
-        Periodic or quiet: its lines, exact, that of order 0 being −4πδ(1 + load): amplitude = (1/m) Σ ∓2v e^(−2πi order t)
-        over elastic impacts at ±β. Chaotic: its density every 1/resolution, with its confidence, from 256 segments of
-        `resolution` forcing periods. Raises as `intensity`.
+        Periodic or quiet: its lines, exact, that of order 0 being −4πδ(1 + load): over elastic impacts at ±β
+        amplitude = (1/m) Σ ∓2v e^(−2πi order t). Chaotic: its density every 1/resolution, with its confidence, from 256
+        segments of `resolution` forcing periods. Raises as `intensity`.
 
         Returns
         -------

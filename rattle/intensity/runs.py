@@ -31,7 +31,9 @@ from rattle.orbits.return_map import point_of
 
 
 @kernel
-def list_in_cell(cell, tau, v, returns, periods, cells, impacts):
+def list_in_cell(
+    cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
+) -> tuple[int, float, float, int]:
     """Do `list_impacts` for one of many cells."""
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 

@@ -127,7 +127,7 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     held = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts > 0))
     if held.size:
         periodic = np.append(periodic, held)
-        around = np.concatenate([around, [_with_contact(table, row, cells) for row in held]])
+        around = np.concatenate([around, [_with_contact(table, int(row), cells) for row in held]])
     found[:EXACT, periodic] = rates(around[:, None])
     found[EXACT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 
