@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require_one_of
+from rattle.intensity.table import one_by_one
+
+stretch = one_by_one  # of chaotic motions
 
 NAMES: tuple[str, ...] = ()  # of bifurcation curves
 
@@ -24,11 +27,6 @@ def _refused(what: str) -> NoReturn:
 def period_one(*_: Any, **__: Any) -> NoReturn:
     """Raise RattleError: `InelasticGear.orbits` has the period-one motions of one point."""
     _refused("period-one motions of many points at once")
-
-
-def stretch(*_: Any, **__: Any) -> NoReturn:
-    """Raise RattleError."""
-    _refused("intensities")
 
 
 def diagram(*_: Any, **__: Any) -> NoReturn:

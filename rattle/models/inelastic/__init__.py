@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rattle import inelastic
 from rattle.attractors.classify import Classifier
 from rattle.inelastic.attractors.classifier import InelasticClassifier
-from rattle.models.model import Array, Functions, Model
+from rattle.models.model import Array, Capability, Functions, Model
 from rattle.orbits.iterates import Returned
 from rattle.parameters import Harmonic, Parameters, parameters_in
 
@@ -28,6 +28,7 @@ class Inelastic(Model):
     name = "inelastic"
     title = "inelastic impacts"
     added = (RESTITUTION, LOAD)
+    has = frozenset({Capability.BALANCE, Capability.INTENSITY})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
     tile_samples = 16_384
@@ -47,7 +48,7 @@ class Inelastic(Model):
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
     def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
-        """Return the model at one point: without what `has` does not list, such as intensities."""
+        """Return the model at one point, without what `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
