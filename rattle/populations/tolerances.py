@@ -75,7 +75,8 @@ class Tolerances:
     """The numbers of a gear, each one number or a distribution (or its text, see `distribution_of`), by name.
 
     Dimensionless: delta, epsilon, beta (0.6), what a model adds, and harmonic_20, the amplitude of order 20 over that
-    of the first harmonic. Or of a `Machine`: inertia, drag, backlash, eccentricity, radius, rpm, stiffness, load_torque,
+    of the first harmonic. Or of a `Machine`: inertia, drag, backlash, eccentricity, radius, rpm, stiffness,
+    load_torque,
     those of its second gear, mesh_error, error_20 (m, of order 20 of the first gear's revolution) and drive. Either has
     restitution. Phases are 0.
 
