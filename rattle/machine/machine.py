@@ -30,6 +30,7 @@ from rattle.machine.conversion import DRIVES, Units
 from rattle.machine.forcing import AMPLITUDES, checked_components
 from rattle.machine.given import DRIVEN, RPM, WIDEST, in_si, is_quantity, require_plausible, require_slow, teeth_of
 from rattle.machine.point import MachinePoint, point_of
+from rattle.machine.verdict import Verdict, verdict_of
 from rattle.parameters import Harmonic
 
 if TYPE_CHECKING:
@@ -279,6 +280,26 @@ class Machine:
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
         """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
         return self.gear.attractors(count, NATURAL, seed)
+
+    def verdict(self, count: int = 256, seed: int = 0) -> Verdict:
+        """Return whether it rattles: quiet, quiet unless knocked, from what share of starts, or always.
+
+        Parameters
+        ----------
+        count, seed : int
+            Starts, as in `attractors`.
+
+        Returns
+        -------
+        Verdict
+            The answer; print it for one line.
+
+        Raises
+        ------
+        ParameterError
+            An argument is outside its domain.
+        """
+        return verdict_of(self, count, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
         """Return how hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
