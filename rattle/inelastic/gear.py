@@ -57,7 +57,7 @@ class InelasticGear(Sampled, Rattling):
         The torque beside the drag, over the drag's, ≥ 0.
     harmonics : sequence of (int, float, float)
         Order k ≥ 2, amplitude α over that of the first harmonic, and phase φ in turns, of each harmonic beside it:
-        e = ε [cos 2πt + Σ α cos 2π(k t + φ)].
+        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. With (1, 0, 0) among them there is no first one, and ε is their scale.
 
     Raises
     ------

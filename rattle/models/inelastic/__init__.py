@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
@@ -17,6 +17,11 @@ from rattle.parameters import Harmonic, Parameters, parameters_in
 RESTITUTION, LOAD = parameters_in(__file__)
 
 
+def _of_machine(load_torque: Any, pair: Any) -> Any:
+    """Load of a torque on the second gear: over that of its drag, both referred to the first."""
+    return load_torque * pair.ratio / (pair.drag * pair.speed)
+
+
 @dataclass(frozen=True)
 class Inelastic(Model):
     """The model at half-backlash beta > 0, restitution in (0, 1], load ≥ 0, with these harmonics beside the first."""
@@ -27,7 +32,7 @@ class Inelastic(Model):
 
     name = "inelastic"
     title = "inelastic impacts"
-    added = (RESTITUTION, LOAD)
+    added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
     has = frozenset({Capability.BALANCE, Capability.INTENSITY})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
