@@ -4,7 +4,7 @@
 """
 
 from rattle.inelastic.attractors.classifier import attractors_of
-from rattle.inelastic.bifurcations.codimension_two import CodimensionTwoCurve, follow_codimension_two
+from rattle.inelastic.bifurcations.codimension_two import CodimensionTwoCurve, follow_codimension_two, points_at
 from rattle.inelastic.bifurcations.curves import trace
 from rattle.inelastic.bifurcations.registry import NAMES, describe
 from rattle.inelastic.functions import diagram, rests_late, stretch
@@ -29,6 +29,7 @@ __all__ = [
     "iterate",
     "iterate_tangent",
     "period_one",
+    "points_at",
     "quiet_limit",
     "regions",
     "rests_late",

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, tangent_at, with_value
 from rattle.errors import RattleError, require_number, require_one_of
-from rattle.impacting.bifurcations.codimension_two import codimension_two
+from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.inelastic.bifurcations.starts import TWO, grazes
@@ -29,7 +29,7 @@ from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.notebook import Columns, Tabular
 from rattle.numerics.complex_step import Array
 
-LEAST_RESTITUTION = 0.02
+LEAST_RESTITUTION = 1e-3
 LONGEST = 0.02  # of a step, in the unknowns
 REACH = 8.0  # half-backlashes of damping
 TAU, MIDDLE, DELTA, EPSILON, R = range(5)  # unknowns: times of the impact and of the graze, then parameters
@@ -207,3 +207,30 @@ def _curve(
     return CodimensionTwoCurve(
         name, beta, x[:, DELTA], x[:, EPSILON], x[:, R], tau, np.asarray(speed), np.asarray(residual), end, x
     )
+
+
+@lru_cache(maxsize=64)
+def _followed(name: str, beta: float) -> CodimensionTwoCurve:
+    return follow_codimension_two(name, beta)
+
+
+def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
+    """Return the codimension-two points of the plane at one restitution and load, without orders of contact.
+
+    Those that cannot be followed to there are left out.
+
+    Returns
+    -------
+    tuple of CodimensionTwo
+        The points.
+    """
+    found = []
+    for name, condition in POINTS.items():
+        try:
+            delta, epsilon = _followed(name, beta / (1.0 + load)).at(restitution)
+        except RattleError:
+            continue
+        found.append(
+            CodimensionTwo(name, condition.meaning, delta, epsilon * (1.0 + load), tuple(condition.curves), {})
+        )
+    return tuple(found)

@@ -22,6 +22,7 @@ from rattle.errors import RattleError, parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.bifurcations.curves import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
 from rattle.impacting.orbits.periodic import admissible_or_why
+from rattle.inelastic.bifurcations.codimension_two import points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
 from rattle.inelastic.given import Harmonics, checked_harmonics
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, shape_of
@@ -30,6 +31,7 @@ from rattle.inelastic.orbits.equations import under_load, without_load
 from rattle.numerics.complex_step import Array
 
 SAME = 1e-9  # of ε
+SAME_POINT = 1e-6  # of the plane
 
 
 def trace(
@@ -110,7 +112,15 @@ def _traced(name: str, beta: float, restitution: float, load: float, window: Pla
         return found._replace(v=found.v * unit)
 
     problem = under_load(condition(itinerary, definition.kind, definition.impact), load)
-    return traced(name, beta, problem, starts(), window, left, describe, lambda _, reason: reason)
+
+    def named(x: Array, reason: str) -> str:
+        at = (each for each in points_at(beta, restitution, load) if name in each.curves)
+        near = [
+            each.name for each in at if abs(x[-2] - each.delta) < SAME_POINT and abs(x[-1] - each.epsilon) < SAME_POINT
+        ]
+        return ": ".join([*near[:1], reason])
+
+    return traced(name, beta, problem, starts(), window, left, describe, named)
 
 
 def _quiet_limit(beta: float, load: float, shape: NDArray[np.float64], window: PlaneWindow, dampings: Array) -> Curve:

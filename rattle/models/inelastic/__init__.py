@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -11,6 +12,7 @@ from rattle import inelastic
 from rattle.attractors.classify import Classifier
 from rattle.continuation.curves import Curve
 from rattle.errors import RattleError
+from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.models.model import Array, Capability, Functions, Model, Range
 from rattle.orbits.iterates import Returned
@@ -69,6 +71,10 @@ class Inelastic(Model):
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
         """Return a bifurcation curve in a window: with harmonics the quiet limit only, else RattleError is raised."""
         return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """Return the points where curves meet; none are known of a forcing with harmonics."""
+        return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
 
     @classmethod
     def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
