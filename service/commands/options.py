@@ -41,6 +41,10 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
         if each.machine_number is not None
     },
 }
+HARMONIC = (
+    "A harmonic of the forcing beside the first: its order, amplitude over that of the first, and phase in turns. "
+    "Repeatable. Needs --restitution, 1 of which is an elastic impact."
+)
 DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 
