@@ -99,9 +99,10 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
         return model
     if not model.takes_harmonics:
         able = next(each for each in MODELS.values() if each.takes_harmonics)
+        needed = " and ".join(_needed_by(able))
         raise ParameterError(
-            f"the {model.name} model takes no harmonics: leave them out, or give {' and '.join(_needed_by(able))}, which "
-            f"selects the {able.name} model"
+            f"the {model.name} model takes no harmonics: leave them out, or give {needed}, which selects the "
+            f"{able.name} one"
         )
     taking: Any = model
     return replace(taking, harmonics=tuple(harmonics))
