@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from gear_rattle.service.commands.options import DIMENSIONLESS, MACHINE, NUMBERS, Command, number_options, with_options
+from gear_rattle.service.commands.options import (
+    DIMENSIONLESS,
+    HARMONIC,
+    MACHINE,
+    NUMBERS,
+    Command,
+    number_options,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from rattle import Machine
@@ -24,7 +32,9 @@ class GivenPoint(NamedTuple):
     @property
     def words(self) -> str:
         """Its parameters."""
-        return ", ".join(f"{name} = {value}" for name, value in self.gear.parameters.point().items())
+        words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
+        words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
+        return ", ".join(words)
 
 
 def _argument(name: str) -> Any:
@@ -36,6 +46,9 @@ OPTIONS: dict[str, Any] = {
     **number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
     "delta": _argument("delta"),
     "epsilon": _argument("epsilon"),
+    "harmonic": Annotated[
+        list[str] | None, typer.Option(metavar="ORDER:AMPLITUDE:PHASE", help=HARMONIC, show_default="none")
+    ],
 }
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # of a machine
 
@@ -57,25 +70,27 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
 
 def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     """Return the point that OPTIONS describe, in one of the two ways."""
+    harmonics = given.pop("harmonic", None) or ()
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
     if set(machine) - {"rpm"} and "restitution" in plain:
         machine["restitution"] = plain.pop("restitution")
     if set(machine) - {"rpm"} or (machine and not timed):
-        return _machine_point(plain, machine)
+        return _machine_point(plain | ({"harmonic": harmonics} if harmonics else {}), machine)
     if not {"delta", "epsilon"} <= set(plain):
         raise typer.BadParameter("give DELTA and EPSILON, or a machine: --inertia, --drag, and so on")
 
+    from gear_rattle.service.operations.harmonics import read_harmonics
     from rattle.errors import require_number
-    from rattle.models import model_of
+    from rattle.models import model_of, with_harmonics
 
     rpm = given.get("rpm")
     delta, epsilon = plain.pop("delta"), plain.pop("epsilon")
-    gear = model_of(**plain).gear(delta, epsilon)
+    gear = with_harmonics(model_of(**plain), read_harmonics(harmonics)).gear(delta, epsilon)
     return GivenPoint(gear, None, None if rpm is None else require_number("rpm", rpm, positive=True))
 
 
-def _machine_point(plain: dict[str, float], machine: dict[str, Any]) -> GivenPoint:
+def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint:
     if plain:
         raise typer.BadParameter(
             f"{' and '.join(plain)} and a machine's {' and '.join(machine)} are two ways to say it: give one"

@@ -35,7 +35,8 @@ def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> t
 
 def attractor_name(attractor: Attractor) -> str:
     """Its label, or its kind."""
-    label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus})"
+    phases = f"; {attractor.contacts}" if attractor.contacts else ""
+    label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus}{phases})"
     return label if attractor.kind == "periodic" else attractor.kind
 
 
