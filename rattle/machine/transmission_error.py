@@ -152,8 +152,8 @@ def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
     near = repeats or (abs(span + step - without) <= max(WHOLE, step) and without >= 1)
     require(
         near,
-        f"the angles span {span:.3g} revolutions, which are not whole ones: cut the table to whole revolutions, or name "
-        "the column angle_deg, angle_rad or angle_rev if the angles are in another unit",
+        f"the angles span {span:.3g} revolutions, which are not whole ones: cut the table to whole revolutions, or "
+        "name the column angle_deg, angle_rad or angle_rev if the angles are in another unit",
     )
     height = float(np.ptp(e))
     require(
