@@ -4,15 +4,20 @@
 """
 
 from rattle.inelastic.attractors.classifier import attractors_of
-from rattle.inelastic.functions import NAMES, describe, diagram, period_one, rests_late, stretch, trace
+from rattle.inelastic.bifurcations.codimension_two import CodimensionTwoCurve, follow_codimension_two, points_at
+from rattle.inelastic.bifurcations.curves import trace
+from rattle.inelastic.bifurcations.registry import NAMES, describe
+from rattle.inelastic.functions import diagram, rests_late, stretch
 from rattle.inelastic.gear import FirstInelasticImpact, InelasticGear
 from rattle.inelastic.map.iterate import iterate, iterate_tangent
 from rattle.inelastic.map.quiet import quiet_limit
 from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node
+from rattle.inelastic.orbits.period_one import period_one, regions
 from rattle.inelastic.orbits.periodic import InelasticOrbit
 
 __all__ = [
     "NAMES",
+    "CodimensionTwoCurve",
     "FirstInelasticImpact",
     "InelasticGear",
     "InelasticOrbit",
@@ -20,10 +25,13 @@ __all__ = [
     "describe",
     "diagram",
     "flip_of_c",
+    "follow_codimension_two",
     "iterate",
     "iterate_tangent",
     "period_one",
+    "points_at",
     "quiet_limit",
+    "regions",
     "rests_late",
     "saddle_node",
     "stretch",

@@ -1,4 +1,4 @@
-"""What the package of any gear has for its plane, and this one has not yet: each says so."""
+"""What the package of any gear has for its plane, and this one lacks: each says so."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.errors import RattleError, require_one_of
+from rattle.errors import RattleError
+from rattle.intensity.table import one_by_one
 
-NAMES: tuple[str, ...] = ()  # of bifurcation curves
+stretch = one_by_one  # of chaotic motions
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
@@ -21,27 +22,6 @@ def _refused(what: str) -> NoReturn:
     raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff one")
 
 
-def period_one(*_: Any, **__: Any) -> NoReturn:
-    """Raise RattleError: `InelasticGear.orbits` has the period-one motions of one point."""
-    _refused("period-one motions of many points at once")
-
-
-def stretch(*_: Any, **__: Any) -> NoReturn:
-    """Raise RattleError."""
-    _refused("intensities")
-
-
 def diagram(*_: Any, **__: Any) -> NoReturn:
     """Raise RattleError."""
     _refused("bifurcation diagrams")
-
-
-def describe(name: str) -> str:
-    """Raise ParameterError: it has no curves."""
-    require_one_of("a curve", name, NAMES)
-    return ""
-
-
-def trace(*_: Any, **__: Any) -> NoReturn:
-    """Raise RattleError."""
-    _refused("bifurcation curves")

@@ -17,16 +17,19 @@ from rattle.flight.forcing import DRIFT
 from rattle.flight.law import folded
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
+from rattle.inelastic.map import bounce  # noqa: F401 impacts and their sums
 from rattle.inelastic.map.cells import point_with
 from rattle.inelastic.map.flight import first_impact, leaving
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_of, step_tangent
 from rattle.inelastic.map.iterate import iterate
 from rattle.inelastic.map.quiet import quiet_limit
 from rattle.inelastic.map.trajectory import trajectory
-from rattle.inelastic.orbits.closed_form import flip_of_c, period_one_orbits, saddle_node
+from rattle.inelastic.orbits.closed_form import bounces, flip_of_c, saddle_node
+from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, periodic_orbit
+from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import NAMES, Orbit, PeriodOne, classify
+from rattle.orbits.period_one import N_MINUS, NAMES, Orbit, PeriodOne, classify
 from rattle.parameters import Parameters
 
 
@@ -39,7 +42,7 @@ class FirstInelasticImpact(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InelasticGear(Sampled):
+class InelasticGear(Sampled, Rattling):
     """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
 
     Φ'' + δΦ' = δq + e'' + δe' between the walls Φ = ±β, with q = 4π(1 + load); Φ' → −r Φ' at a wall; time in forcing
@@ -174,10 +177,32 @@ class InelasticGear(Sampled):
         """Return the period-one motions that happen: A to D under one cosine, by letter; else P(1,1,0), each "P"."""
         at = self.delta, self.epsilon, self.beta
         added = {"restitution": self.restitution, "load": self.load}
+        if self.harmonics:
+            found = bounces(self._point)
+            return tuple(
+                Orbit("P", 1, 1, 0, each.tau, each.v, each.multipliers, abs(each.multipliers[0]) < 1.0, *at, added)
+                for each in found
+            )
+        known = self._period_one()
         return tuple(
-            Orbit(each.name, 1, 1, each.n_minus, each.tau, each.v, each.multipliers, each.stable, *at, added)
-            for each in period_one_orbits(self._point)
+            Orbit(
+                name,
+                1,
+                1,
+                N_MINUS[i],
+                float(known.tau[i]),
+                float(known.v[i]),
+                (complex(known.multipliers[i, 0]), complex(known.multipliers[i, 1])),
+                bool(known.stable[i]),
+                *at,
+                added,
+            )
+            for i, name in enumerate(NAMES)
+            if known.exists[i]
         )
+
+    def _period_one(self) -> PeriodOne:
+        return period_one(self.delta, self.epsilon, self.beta, self.restitution, self.load)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
         """Return the periodic motion near (τ, v) that repeats itself after n_plus returns: see `periodic_orbit`."""
@@ -186,6 +211,12 @@ class InelasticGear(Sampled):
     def saddle(self, orbit: Orbit) -> NoReturn:
         """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""
         raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting one")
+
+    def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
+        """Raise RattleError: a motion is not followed from inside the gap, as after a shock."""
+        raise RattleError(
+            "motions that begin inside the gap are not followed for the inelastic gear: give τ and v on Σ⁺"
+        )
 
     def region(self) -> int:
         """Return the region that the period-one motions make under one cosine.
@@ -202,11 +233,7 @@ class InelasticGear(Sampled):
         """
         if self.harmonics:
             raise RattleError("regions are those of one cosine: leave out the harmonics")
-        found = {each.name: each for each in period_one_orbits(self._point)}
-        exists = np.array([name in found for name in NAMES])
-        stable = np.array([name in found and found[name].stable for name in NAMES])
-        nothing = np.full(len(NAMES), np.nan)
-        return int(classify(PeriodOne(exists, stable, nothing, nothing, np.full((len(NAMES), 2), complex(np.nan)))))
+        return int(classify(self._period_one()))
 
     def _repr_html_(self) -> str:
         return repr(self)

@@ -54,6 +54,9 @@ class Capability(StrEnum):
     BOUNDARIES = "an explanation of boundaries is"
     BIFURCATION_PROOFS = "a proof of a bifurcation is"
     PROOFS = "a proof of periodic motions is"
+    MANIFOLDS = "manifolds of saddles are"
+    DIAGRAMS = "bifurcation diagrams are"
+    DEPARTURES = "motions that begin inside the gap, as after a shock, are"
 
 
 class Limits(NamedTuple):
@@ -218,6 +221,8 @@ class Model(ABC):
         Gears that are drawn where tolerances of a point are answered at once.
     takes_harmonics : bool
         Whether its forcing may have harmonics beside the first.
+    one_cosine : frozenset of Capability
+        What of `has` it has without such harmonics only.
     compiled_at : tuple of float
         Eccentricities, at δ = β = 0.6, of the cells that are computed so that its kernels are compiled.
     """
@@ -235,6 +240,7 @@ class Model(ABC):
     cell_milliseconds: ClassVar[float | None] = None
     design_gears: ClassVar[int] = 1024
     takes_harmonics: ClassVar[bool] = False
+    one_cosine: ClassVar[frozenset[Capability]] = frozenset()
     compiled_at: ClassVar[tuple[float, ...]] = (0.1,)
 
     def __post_init__(self) -> None:

@@ -214,7 +214,7 @@ class SurveyRequest(_Numbers):
     def _by_model(cls, given: Any) -> Any:
         """Leave out of the default quantities those that a model does not have."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
-            known = groups_of(given["model"])
+            known = groups_of(given["model"], bool(given.get("harmonics")))
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
         return given
 
@@ -253,9 +253,12 @@ class SurveyRequest(_Numbers):
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
-        if unknown := set(self.quantities).difference(groups_of(self.model)):
-            names = ", ".join(sorted(unknown))
-            raise ValueError(f"the {self.model} model has no {names}: name some of {', '.join(groups_of(self.model))}")
+        known = groups_of(self.model, bool(self.harmonics))
+        if unknown := set(self.quantities).difference(known):
+            names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
+            raise ValueError(
+                f"{whose}{' with harmonics' if self.harmonics else ''} has no {names}: name some of {', '.join(known)}"
+            )
         return self
 
     @model_validator(mode="after")

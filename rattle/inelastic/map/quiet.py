@@ -13,17 +13,21 @@ PHASES = 64  # of the fastest harmonic, at which the force is looked at first
 
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
-    """Return the smallest ε at which g = δq + ε G(t) reaches 0: δq/max(−G), G the force of the shape.
+    """Return the smallest ε at which the contact force g reaches 0 (`least_force`)."""
+    return least_force(delta, drift, shape_of(harmonics))[1]
+
+
+def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
+    """Return where g = δq + ε G(t) reaches 0 first as ε grows, G the force of the shape (3, K), and ε = δq/max(−G).
 
     The largest −G of a grid is improved by Newton's method on G' inside its interval; between the phases of the grid
     other maxima can be higher by bend h²/2 at most, with h half the distance, and those are improved likewise.
 
     Returns
     -------
-    float
-        The quiet limit.
+    tuple of float
+        The phase, and the quiet limit.
     """
-    shape = shape_of(harmonics)
     order = TWO_PI * shape[ORDER]
     size, turn = order * shape[1], TWO_PI * shape[PHASE]
     count = int(PHASES * shape[ORDER].max())
@@ -44,4 +48,6 @@ def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
     for _ in range(50):
         rate, bend = rate_and_bend(near)
         near = near + np.clip(-rate / np.where(bend < 0, bend, -np.inf), -0.5 / count, 0.5 / count)
-    return float(delta * drift / max(depth(near).max(), heights.max()))
+    phases = np.concatenate([near, tau])
+    deepest = phases[np.argmax(depth(phases))]
+    return float(deepest), float(delta * drift / depth(deepest))

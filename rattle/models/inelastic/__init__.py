@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -9,9 +10,13 @@ from numpy.typing import ArrayLike
 
 from rattle import inelastic
 from rattle.attractors.classify import Classifier
+from rattle.continuation.curves import Curve
+from rattle.errors import RattleError
+from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.inelastic.attractors.classifier import InelasticClassifier
-from rattle.models.model import Array, Functions, Model
+from rattle.models.model import Array, Capability, Functions, Model, Range
 from rattle.orbits.iterates import Returned
+from rattle.orbits.period_one import PeriodOne
 from rattle.parameters import Harmonic, Parameters, parameters_in
 
 RESTITUTION, LOAD = parameters_in(__file__)
@@ -33,11 +38,14 @@ class Inelastic(Model):
     name = "inelastic"
     title = "inelastic impacts"
     added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
+    has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
+    curve_names = inelastic.NAMES
     tile_samples = 16_384
     design_gears = 256
     takes_harmonics = True
+    one_cosine = frozenset({Capability.PERIOD_ONE})
     compiled_at = (0.1, 0.25)  # quiet motion beside impacts; contact phases
 
     def __post_init__(self) -> None:
@@ -52,12 +60,26 @@ class Inelastic(Model):
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
     def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
-        """Return the model at one point: without what `has` does not list, such as intensities."""
+        """Return the model at one point, without what `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
         """Return the parameters of points, which broadcast. Raises ParameterError."""
         return super().at(delta, epsilon).with_harmonics(self.harmonics)
+
+    def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
+        """Return the motions A to D. Raises RattleError where the forcing has harmonics."""
+        if self.harmonics:
+            raise RattleError("A to D and their regions are those of one cosine: leave out the harmonics")
+        return super().period_one(delta, epsilon)
+
+    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
+        """Return a bifurcation curve in a window: with harmonics the quiet limit only, else RattleError is raised."""
+        return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """Return the points where curves meet; none are known of a forcing with harmonics."""
+        return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
 
     @classmethod
     def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:

@@ -32,7 +32,17 @@ class Stiff(Model):
     name = "stiff"
     title = "stiff walls"
     added = (replace(KAPPA, of_machine=_of_machine),)
-    has = frozenset({Capability.PERIOD_ONE, Capability.BALANCE, Capability.INTENSITY, Capability.PROOFS})
+    has = frozenset(
+        {
+            Capability.PERIOD_ONE,
+            Capability.BALANCE,
+            Capability.INTENSITY,
+            Capability.PROOFS,
+            Capability.MANIFOLDS,
+            Capability.DIAGRAMS,
+            Capability.DEPARTURES,
+        }
+    )
     functions: ClassVar[Functions] = stiff
     classifier = StiffClassifier
     curve_names = stiff.NAMES

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from html import escape
 from typing import Any
 
@@ -50,8 +51,9 @@ def readout(
         si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
         rows += [(NUMBERS[name].name.lower(), f"{in_unit(name, x)} {NUMBERS[name].unit}") for name, x in si.items()]
     if delta > 0 and epsilon >= 0:
-        region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
-        rows.append(("region here", rattle.REGIONS[region]))
+        with suppress(rattle.RattleError):  # regions are not known of every forcing
+            region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
+            rows.append(("region here", rattle.REGIONS[region]))
     if here is not None:
         rows.append(here)
     tables = [_table(rows)]

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import rattle
 from gear_rattle.workers.survey.values import evaluate, intensity
 from gear_rattle.workers.survey.values.cells import AUDIT, GRAZING_CURVES
-from gear_rattle.workers.survey.values.schema import CELL, Coordinate, Group, Quantity
-from rattle.models import Capability
+from gear_rattle.workers.survey.values.schema import CELL, GROUP_NEEDS, Coordinate, Group, Quantity
+from rattle.models import MODELS, Capability
 
 DOI = "10.1137/090759641"
 
@@ -409,9 +409,11 @@ BOUNDED: tuple[Quantity, ...] = (
 )
 
 
-def groups_of(model: str) -> tuple[Group, ...]:
+def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
     """Return the groups of which a model has variables; no tile writes those of families."""
     in_tiles = {each.group for each in QUANTITIES if each.is_of(model)}
+    if has_harmonics:
+        in_tiles -= {group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].one_cosine}
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
