@@ -40,7 +40,7 @@ SAFE_IF_SMALL = {
 #: What limits one cosine by closed forms.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
 #: What begins at 0, where all is quiet or nothing carries a load: scanned in even steps.
-FROM_ZERO = ("epsilon", "eccentricity", "load", "load_torque", *AMPLITUDES)
+FROM_ZERO = ("epsilon", "eccentricity", "restitution", "load", "load_torque", *AMPLITUDES)
 SCANNED, FEW = 32, 256  # values that are looked at first, and samples of each
 MOST_COUNT = 65_536
 SPAN = 100.0  # of values other than eccentricities
@@ -178,7 +178,7 @@ class _Solver:
         low, high = self._range() if between is None else require_pair("between", between)
         require(0.0 <= low < high, f"between must be two numbers, the first below the second, got {low:g} and {high:g}")
         require(low > 0.0 or self.from_zero, f"{of} must be above 0: begin the range there")
-        even = self.from_zero or of == "restitution"
+        even = self.from_zero
         scanned = np.linspace(low, high, SCANNED + 1)[1:] if even else np.geomspace(low, high, SCANNED)
         self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
         self._require_machine()
@@ -199,7 +199,7 @@ class _Solver:
             if of in ("rpm", "delta", "drag"):
                 edge = self._edge(1.0)
                 least, most = edge / SPAN, edge * SPAN
-                return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (edge, most)
+                return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (0.99 * edge, most)
         if of in ("epsilon", "eccentricity"):
             points = points_of({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
