@@ -39,8 +39,8 @@ SAFE_IF_SMALL = {
 }
 #: What limits one cosine by closed forms.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
-#: What begins at 0, where all is quiet or nothing carries a load: scanned in even steps.
-FROM_ZERO = ("epsilon", "eccentricity", "restitution", "load", "load_torque", *AMPLITUDES)
+#: What begins at 0: scanned in even steps.
+FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
 SCANNED, FEW = 32, 256  # values that are looked at first, and samples of each
 MOST_COUNT = 65_536
 SPAN = 100.0  # of values other than eccentricities
@@ -191,7 +191,8 @@ class _Solver:
             return 0.0, 1.0
         if of in ("load", "load_torque"):
             drag = given["drag"] * given["rpm"] * RPM if of == "load_torque" else 1.0
-            return 0.0, 2.0 * self._edge(drag)
+            edge = self._edge(drag)
+            return (0.99 * edge if self._is_beyond(0.98 * edge) else edge / SPAN), edge * SPAN
         if of not in OF_ONE_COSINE or self._is_inelastic():
             if of in FROM_ZERO or is_order(of):
                 unit = self._widest() if is_machine({**given, of: 0.0}) else 1.0
