@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -44,6 +45,20 @@ def _argument(name: str) -> Any:
 #: All None by default, so that a point is given in one of the two ways.
 OPTIONS: dict[str, Any] = {
     **number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
+    "transmission_error": Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Measured transmission error over whole revolutions, instead of --eccentricity: a column angle_deg, "
+            "angle_rad or angle_rev, and one error_um, error_mm or error_m.",
+            rich_help_panel=MACHINE,
+            show_default=False,
+        ),
+    ],
+    "orders": Annotated[
+        int | None,
+        typer.Option(help="Highest order of --transmission-error.", rich_help_panel=MACHINE, show_default="40"),
+    ],
     "delta": _argument("delta"),
     "epsilon": _argument("epsilon"),
     "harmonic": Annotated[
@@ -95,6 +110,11 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
         raise typer.BadParameter(
             f"{' and '.join(plain)} and a machine's {' and '.join(machine)} are two ways to say it: give one"
         )
+    curve, orders = machine.pop("transmission_error", None), machine.pop("orders", None)
+    if curve is not None:
+        machine = {**machine, **_measured(curve, orders, machine)}
+    elif orders is not None:
+        raise typer.BadParameter("--orders is of a measured curve: give --transmission-error too")
     missing = [f"--{name}" for name in NEEDED if name not in machine]
     if missing:
         raise typer.BadParameter(f"a machine needs {' and '.join(missing)} too")
@@ -103,3 +123,14 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
 
     found = Machine(**machine)
     return GivenPoint(found.gear, found, found.rpm)
+
+
+def _measured(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
+    """Return the errors of a measured curve, and print what it leaves out."""
+    from rattle import read_transmission_error
+
+    if "eccentricity" in machine:
+        raise typer.BadParameter("--transmission-error has the eccentricity: leave out --eccentricity")
+    found = read_transmission_error(curve) if orders is None else read_transmission_error(curve, orders)
+    typer.echo(f"{curve}: {found}")
+    return {"eccentricity": 0.0, "errors": found.harmonics}

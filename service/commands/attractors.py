@@ -41,7 +41,15 @@ def attractor_name(attractor: Attractor) -> str:
 
 
 @at_point()
-def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
+def attractors(
+    point: GivenPoint,
+    count: Sample = 64,
+    v_max: SpeedLimit = None,
+    seed: Seed = 0,
+    verdict: Annotated[
+        bool, typer.Option("--verdict", help="Print in one line whether a machine rattles, and nothing else.")
+    ] = False,
+) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
     The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the
@@ -52,6 +60,11 @@ def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, 
     from rich.table import Table
 
     machine = point.machine
+    if verdict:
+        if machine is None:
+            raise typer.BadParameter("--verdict is of a machine: give --inertia, --drag, and so on")
+        typer.echo(str(machine.verdict(count, seed)))
+        return
     console = Console(highlight=False, width=WIDTH)
     console.print(point.words)
     columns = ("energy", "+-") if machine is None else ("W", "+-", "dB re 1 pW")
