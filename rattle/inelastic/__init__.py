@@ -1,4 +1,4 @@
-"""The gear with a coefficient of restitution, a load, and a forcing of several harmonics (docs/real-gears.md).
+"""The gear with a coefficient of restitution, a load, and a forcing of several harmonics (docs/restitution.md).
 
 `rattle.Gear(delta, epsilon, beta, restitution=0.9, load=0.0, harmonics=[(20, 0.0033, 0.0)])` is one parameter point.
 """
