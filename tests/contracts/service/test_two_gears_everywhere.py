@@ -1,4 +1,4 @@
-"""One drawing of two unlike gears with an error once a tooth: the same numbers by library, REST, commands and surveys."""
+"""A drawing of two unlike gears with an error once a tooth: the same numbers by library, REST, commands, surveys."""
 
 from collections.abc import Iterator
 from pathlib import Path
