@@ -5,12 +5,13 @@ from rattle.machine.given import RPM, UNITS
 from rattle.machine.machine import Machine, MachineIntensity
 from rattle.machine.point import point_of
 from rattle.machine.transmission_error import TransmissionError, read_transmission_error, transmission_error
-from rattle.machine.verdict import Verdict
+from rattle.machine.verdict import VERDICTS, Verdict
 
 __all__ = [
     "DRIVES",
     "RPM",
     "UNITS",
+    "VERDICTS",
     "Machine",
     "MachineIntensity",
     "Reduced",

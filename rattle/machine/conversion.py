@@ -140,7 +140,9 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     float or ndarray
         The bound, 0 where the reduction is exact.
     """
-    return 2.0 * pair.rate_difference * (0.5 * backlash + forcing) / (pair.drift * (1.0 + load))
+    with np.errstate(all="ignore"):  # what hardly turns is driven by nothing
+        share = np.divide(2.0 * pair.rate_difference * (0.5 * backlash + forcing), pair.drift * (1.0 + load))
+    return _plain(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
 
 
 def damping(pair: Reduced) -> Any:

@@ -171,7 +171,7 @@ class MachineDocument(_Numbers):
     units: UnitsDocument
     harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
     revolutions: float = Field(description="revolutions of the first gear in a forcing period")
-    rate_error: float = Field(description="share of the driving force that one rate of decay leaves out; 0: exact")
+    rate_error: float | None = Field(description="share of the driving force that one rate leaves out; 0: exact")
     quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
 
 
@@ -197,6 +197,6 @@ async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> Machi
         units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
         harmonics=list(found.harmonics),
         revolutions=found.revolutions,
-        rate_error=found.rate_error,
+        rate_error=json_number(found.rate_error),
         quiet_limit=quiet_limit,
     )
