@@ -16,6 +16,7 @@ from rattle.errors import parameters
 
 Array = NDArray[np.float64]
 Harmonic = tuple[int, float, float]  # order, amplitude over that of the first harmonic, phase in turns
+MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Parameter:
     machine_text, machine_absent : str
         What that number is, and what it means that there is none, for options and forms.
     of_machine : callable, optional
-        From that number, inertia, radius, speed (rad/s) and the scale of the drive to its value.
+        From that number and the `rattle.machine.conversion.Reduced` gears to its value.
     """
 
     name: str
@@ -72,7 +73,7 @@ class Parameter:
     machine_number: str | None = None
     machine_text: str = ""
     machine_absent: str = ""
-    of_machine: Callable[[Any, Any, Any, Any, float], Any] | None = None
+    of_machine: Callable[[Any, Any], Any] | None = None
 
     @property
     def long_name(self) -> str:

@@ -1,4 +1,4 @@
-"""What the package of any gear has for its plane, and this one lacks: each says so."""
+"""Functions that the package of any gear has for its plane and this one lacks: each says so."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
+from rattle.intensity.table import one_by_one
+
+stretch = one_by_one  # of chaotic motions
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
@@ -17,11 +20,6 @@ def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.boo
 
 def _refused(what: str) -> NoReturn:
     raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff one")
-
-
-def stretch(*_: Any, **__: Any) -> NoReturn:
-    """Raise RattleError."""
-    _refused("intensities")
 
 
 def diagram(*_: Any, **__: Any) -> NoReturn:

@@ -17,6 +17,7 @@ from rattle.flight.forcing import DRIFT
 from rattle.flight.law import folded
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
+from rattle.inelastic.map import bounce  # noqa: F401 impacts and their sums
 from rattle.inelastic.map.cells import point_with
 from rattle.inelastic.map.flight import first_impact, leaving
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_of, step_tangent
@@ -26,6 +27,7 @@ from rattle.inelastic.map.trajectory import trajectory
 from rattle.inelastic.orbits.closed_form import bounces, flip_of_c, saddle_node
 from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, periodic_orbit
+from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.period_one import N_MINUS, NAMES, Orbit, PeriodOne, classify
 from rattle.parameters import Parameters
@@ -40,7 +42,7 @@ class FirstInelasticImpact(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InelasticGear(Sampled):
+class InelasticGear(Sampled, Rattling):
     """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
 
     Φ'' + δΦ' = δq + e'' + δe' between the walls Φ = ±β, with q = 4π(1 + load); Φ' → −r Φ' at a wall; time in forcing
@@ -56,7 +58,7 @@ class InelasticGear(Sampled):
         The torque beside the drag, over the drag's, ≥ 0.
     harmonics : sequence of (int, float, float)
         Order k ≥ 2, amplitude α over that of the first harmonic, and phase φ in turns, of each harmonic beside it:
-        e = ε [cos 2πt + Σ α cos 2π(k t + φ)].
+        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. With (1, 0, 0) among them there is no first one, and ε is their scale.
 
     Raises
     ------
@@ -209,6 +211,12 @@ class InelasticGear(Sampled):
     def saddle(self, orbit: Orbit) -> NoReturn:
         """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""
         raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting one")
+
+    def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
+        """Raise RattleError: a motion is not followed from inside the gap, as after a shock."""
+        raise RattleError(
+            "motions that begin inside the gap are not followed for the inelastic gear: give τ and v on Σ⁺"
+        )
 
     def region(self) -> int:
         """Return the region that the period-one motions make under one cosine.

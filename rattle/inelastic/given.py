@@ -1,4 +1,4 @@
-"""What somebody gives for an inelastic gear, checked: restitution, load and harmonics."""
+"""Check what is given for an inelastic gear: restitution, load and harmonics."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from rattle.errors import ParameterError, require, require_finite
-from rattle.parameters import Harmonic, Parameters
+from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS, Harmonic, Parameters
 
 Harmonics = Sequence[Sequence[float]]
-MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 
 def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
@@ -20,7 +19,8 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     Parameters
     ----------
     harmonics : iterable of (int, float, float)
-        Order from 2 on, amplitude over that of the first harmonic, phase in turns.
+        Order from 2 on, amplitude over that of the first harmonic, phase in turns. (1, 0, 0) says that there is no
+        first harmonic: then ε is a scale, and amplitudes are over it.
 
     Returns
     -------
@@ -48,13 +48,20 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
             "revolution if the curve repeats after several",
         )
         require(order != 0, "a harmonic of order 0 is a constant, which moves nothing: leave it out")
-        require(order != 1, "the harmonic of order 1 is the eccentricity itself: give its amplitude as epsilon")
+        require(
+            order != 1 or each[1] == 0,
+            "the harmonic of order 1 is the eccentricity itself: give its amplitude as epsilon, or 0 if there is none",
+        )
         require(order > 0, f"the order of a harmonic must be at least 2, got {order:g}: change the sign of its phase")
         require(order <= HIGHEST_ORDER, f"the order of a harmonic must be at most {HIGHEST_ORDER}, got {order:g}")
         require(int(order) not in found, f"order {order:g} is given twice: add both harmonics up to one")
         amplitude = require_finite(f"the amplitude of order {order:g}", each[1])
         require(amplitude >= 0, f"the amplitude of order {order:g} must not be negative: add half a turn to its phase")
         found[int(order)] = int(order), amplitude, require_finite(f"the phase of order {order:g}", each[2]) % 1.0
+    require(
+        1 not in found or any(size > 0 for _, size, _ in found.values()),
+        "no harmonic is left: give one with an amplitude above 0, or leave out that of order 1",
+    )
     return tuple(found[order] for order in sorted(found))
 
 

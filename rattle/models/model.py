@@ -54,6 +54,9 @@ class Capability(StrEnum):
     BOUNDARIES = "an explanation of boundaries is"
     BIFURCATION_PROOFS = "a proof of a bifurcation is"
     PROOFS = "a proof of periodic motions is"
+    MANIFOLDS = "manifolds of saddles are"
+    DIAGRAMS = "bifurcation diagrams are"
+    DEPARTURES = "motions that begin inside the gap, as after a shock, are"
 
 
 class Limits(NamedTuple):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from gear_rattle.service.commands.options import DIMENSIONLESS, NUMBERS, Command, number_options, with_options
+from gear_rattle.service.commands.options import DIMENSIONLESS, MACHINE, NUMBERS, Command, number_options, with_options
 
 if TYPE_CHECKING:
     from rattle import Machine
@@ -33,7 +33,7 @@ def _argument(name: str) -> Any:
 
 #: All None by default, so that a point is given in one of the two ways.
 OPTIONS: dict[str, Any] = {
-    **number_options(float, panel="A machine, two equal gears, in SI units, instead of DELTA and EPSILON"),
+    **number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
     "delta": _argument("delta"),
     "epsilon": _argument("epsilon"),
 }
@@ -59,6 +59,8 @@ def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     """Return the point that OPTIONS describe, in one of the two ways."""
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
+    if set(machine) - {"rpm"} and "restitution" in plain:
+        machine["restitution"] = plain.pop("restitution")
     if set(machine) - {"rpm"} or (machine and not timed):
         return _machine_point(plain, machine)
     if not {"delta", "epsilon"} <= set(plain):

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 AXIS = "START:STOP:NUM"
 EVENLY = "evenly spaced values, both ends included."
-SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", "rpm", "eccentricity")
+SECOND_GEAR = ("driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
+SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", *SECOND_GEAR, "rpm", "eccentricity")
 
 
 def _option(kind: Any, text: str, **more: Any) -> Any:
@@ -165,6 +166,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     try:
         fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
+        machine |= {name: int(machine[name]) for name in ("teeth", "driven_teeth") if name in machine}
         fields |= {name: _number_or_axis(f"--{name}", text) for name, text in taken("beta", *added()).items()}
         if "v_max" in sample:
             sample["v_max"] = read_speed(sample["v_max"])

@@ -266,7 +266,7 @@ class SurveyRequest(_Numbers):
         if self.machine is None:
             return self
         for each in MODELS[self.model].added:
-            if each.machine_number is not None:
+            if each.machine_number is not None and getattr(self, each.name) != each.default:
                 raise ValueError(
                     f"a machine has another {each.name} at each speed, and a survey has one: leave out the machine, or "
                     f"model and {each.name}"

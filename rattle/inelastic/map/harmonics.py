@@ -128,12 +128,13 @@ def shape_of(harmonics: Any) -> NDArray[np.float64]:
     Parameters
     ----------
     harmonics : sequence of (int, float, float)
-        Order, amplitude over that of the first harmonic, and phase in turns.
+        Order, amplitude over that of the first harmonic, and phase in turns. One of order 1 stands for the first.
 
     Returns
     -------
     ndarray, (3, K)
         Orders, amplitudes and phases.
     """
-    rows = [(1.0, 1.0, 0.0), *((float(order), size, phase) for order, size, phase in harmonics)]
+    given = [(float(order), size, phase) for order, size, phase in harmonics]
+    rows = given if given and given[0][0] == 1.0 else [(1.0, 1.0, 0.0), *given]
     return np.ascontiguousarray(np.array(rows).T)

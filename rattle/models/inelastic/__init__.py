@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
@@ -22,6 +22,11 @@ from rattle.parameters import Harmonic, Parameters, parameters_in
 RESTITUTION, LOAD = parameters_in(__file__)
 
 
+def _of_machine(load_torque: Any, pair: Any) -> Any:
+    """Load of a torque on the second gear: over that of its drag, both referred to the first."""
+    return load_torque * pair.ratio / (pair.drag * pair.speed)
+
+
 @dataclass(frozen=True)
 class Inelastic(Model):
     """The model at half-backlash beta > 0, restitution in (0, 1], load ≥ 0, with these harmonics beside the first."""
@@ -32,8 +37,8 @@ class Inelastic(Model):
 
     name = "inelastic"
     title = "inelastic impacts"
-    added = (RESTITUTION, LOAD)
-    has = frozenset({Capability.PERIOD_ONE})
+    added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
+    has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
     curve_names = inelastic.NAMES
@@ -55,7 +60,7 @@ class Inelastic(Model):
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
     def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
-        """Return the model at one point: without what `has` does not list, such as intensities."""
+        """Return the model at one point, without what `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:

@@ -34,19 +34,36 @@ def positive_query(description: str, example: float | None = None, *, zero: bool
 
 
 LINE = "m along the line of action"
-INERTIA = "kg m², of each of two equal gears with what turns with it"
+INERTIA = "kg m², of each of two equal gears with what turns with it, or of the first of two"
 DRAG = "N m s/rad: the drag torque of each gear over its speed"
 ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
 DRIVE = "torque: a constant one on one gear; speed: that of one imposed"
 Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
+#: Numbers of a second gear, and parts of the transmission error.
+SECOND = {
+    "driven_inertia": "kg m², of the second gear; by default that of the first",
+    "driven_drag": "N m s/rad, of the second gear; by default that of the first",
+    "driven_radius": "m, of the second gear's base circle; by default by the tooth numbers",
+    "teeth": "tooth number of the first gear",
+    "driven_teeth": "tooth number of the second gear",
+    "driven_eccentricity": f"{LINE}: the transmission error once a revolution of the second gear",
+    "mesh_error": f"{LINE}: the transmission error once a tooth",
+    "mesh_error_2": f"{LINE}: twice a tooth",
+    "mesh_error_3": f"{LINE}: three times a tooth",
+}
+#: Of these and of what makes what models add, those that are above 0.
+OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
-    "drive": {name: Annotated[float | None, positive_query(text)] for name, text in machine_texts().items()},
+    "drive": {
+        name: Annotated[float | None, positive_query(text, zero=name not in OWN)]
+        for name, text in (machine_texts() | SECOND).items()
+    },
 }
 
 
-@with_queries({"drive": ADDED_QUERIES["drive"]})
+@with_queries({"drive": {"restitution": query_of("restitution"), **ADDED_QUERIES["drive"]}})
 async def machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
@@ -90,12 +107,15 @@ async def place_of_query(
     added = {name: value for name, value in more.items() if name in ADDED}
     making = {name: value for name, value in more.items() if name not in ADDED}
     given = [name for name, value in {**needed, "drive": drive, **making}.items() if value is not None]
-    if not given:
+    if given:
+        making["restitution"] = added.pop("restitution", None)
+    else:
         return Place(model_of(0.6 if beta is None else beta, **added).gear(**_all_of(plain)), None)
     both = [name for name, value in {**plain, "beta": beta, **added}.items() if value is not None]
     if both:
         raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} say it twice: give one")
-    machine = Machine(**_all_of(needed), drive=drive or "torque", **making)
+    numbers: dict[str, Any] = {**_all_of(needed), **making}
+    machine = Machine(**numbers, drive=drive or "torque")
     return Place(machine.gear, machine)
 
 
@@ -143,6 +163,9 @@ class MachineDocument(_Numbers):
     """A machine, two equal gears, as a parameter point, and back."""
 
     units: UnitsDocument
+    harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
+    revolutions: float = Field(description="revolutions of the first gear in a forcing period")
+    rate_error: float = Field(description="share of the driving force that one rate of decay leaves out; 0: exact")
     quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
 
 
@@ -166,5 +189,8 @@ async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> Machi
         beta=gear.beta,
         **added_document(found.added),
         units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
+        harmonics=list(found.harmonics),
+        revolutions=found.revolutions,
+        rate_error=found.rate_error,
         quiet_limit=quiet_limit,
     )
