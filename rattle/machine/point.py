@@ -66,7 +66,7 @@ def point_of(
     from rattle.models import ADDED  # loads all gears: only for who asks
 
     given = {name: value for name, value in numbers.items() if value is not None}
-    teeth, driven_teeth = given.get("teeth"), given.get("driven_teeth")
+    teeth, driven_teeth = (None if given.get(name) is None else int(given[name]) for name in ("teeth", "driven_teeth"))
     driven = {f"driven_{name}": given.get(f"driven_{name}", given[name]) for name in DRIVEN}
     driven["driven_radius"] = require_pair(given, given["radius"], teeth, driven_teeth)
     amplitudes = {name: given[name] for name in ("eccentricity", *AMPLITUDES) if name in given}

@@ -40,6 +40,11 @@ def owner_of(name: str) -> type[Model]:
     return next(model for model in MODELS.values() if name in {each.name for each in model.added})
 
 
+def _needed_by(model: type[Model]) -> tuple[str, ...]:
+    """Return the parameters without a default, which select a model."""
+    return tuple(each.name for each in model.added if each.default is None)
+
+
 def model_adding(names: Any) -> type[Model]:
     """Return the model that has these parameters beside δ, ε and β, and no other without a default.
 
@@ -57,12 +62,18 @@ def model_adding(names: Any) -> type[Model]:
     """
     wanted = set(names)
     for model in MODELS.values():
-        needed = {each.name for each in model.added if each.default is None}
+        needed = set(_needed_by(model))
         if needed <= wanted <= {each.name for each in model.added}:
             return model
     for name in wanted:
         require_one_of("a parameter", name, ADDED)
-    raise ParameterError(f"no model has {' and '.join(sorted(wanted))} together: give those of one")
+    given = " and ".join(sorted(wanted))
+    for model in MODELS.values():
+        if wanted <= {each.name for each in model.added}:
+            raise ParameterError(
+                f"{given} is a number of the {model.name} model: give {' and '.join(_needed_by(model))} too"
+            )
+    raise ParameterError(f"no model has {given} together: give those of one")
 
 
 def model_of(beta: float = 0.6, **added: float | None) -> Model:
@@ -87,8 +98,12 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
     if not harmonics:
         return model
     if not model.takes_harmonics:
-        able = " or ".join(name for name, each in MODELS.items() if each.takes_harmonics)
-        raise ParameterError(f"the {model.name} model takes no harmonics: leave them out, or use the {able} model")
+        able = next(each for each in MODELS.values() if each.takes_harmonics)
+        needed = " and ".join(_needed_by(able))
+        raise ParameterError(
+            f"the {model.name} model takes no harmonics: leave them out, or give {needed}, which selects the "
+            f"{able.name} one"
+        )
     taking: Any = model
     return replace(taking, harmonics=tuple(harmonics))
 

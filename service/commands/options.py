@@ -56,6 +56,10 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
     "mesh_error_2": (f"Transmission error twice a tooth, {METRES}.", "0"),
     "mesh_error_3": (f"Transmission error three times a tooth, {METRES}.", "0"),
 }
+HARMONIC = (
+    "A harmonic of the forcing beside the first: its order, amplitude over that of the first, and phase in turns. "
+    "Repeatable. Needs --restitution, 1 of which is an elastic impact."
+)
 DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 

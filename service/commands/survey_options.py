@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gear_rattle.service.commands.options import MACHINE, NUMBERS, Budget, Command, Name, number_options, with_options
+from gear_rattle.service.commands.options import (
+    HARMONIC,
+    MACHINE,
+    NUMBERS,
+    Budget,
+    Command,
+    Name,
+    number_options,
+    with_options,
+)
 from gear_rattle.service.declared import added
 
 if TYPE_CHECKING:
@@ -42,13 +51,7 @@ OPTIONS: dict[str, Any] = {
         )
         for name, each in added().items()
     },
-    "harmonic": _option(
-        list[str],
-        "A harmonic of the forcing beside the first: its order, amplitude over that of the first, and phase in turns. "
-        "Repeatable. Needs --restitution, 1 of which is an elastic impact.",
-        metavar="ORDER:AMPLITUDE:PHASE",
-        show_default="none",
-    ),
+    "harmonic": _option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
     "count": _option(int, "Number of initial conditions per cell."),
     "v_max": _option(
         str,
@@ -176,7 +179,9 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
         if "tile" in fields:
             fields["tile"] = _tile(fields["tile"])
         if harmonics := fields.pop("harmonic", None):
-            fields["harmonics"] = tuple(_harmonic(text) for text in harmonics)
+            from gear_rattle.service.operations.harmonics import read_harmonics
+
+            fields["harmonics"] = read_harmonics(harmonics)
         if quantities := fields.pop("quantity", None):
             fields["quantities"] = tuple(quantities)
         if machine:
@@ -199,16 +204,6 @@ def _number_or_axis(option: str, text: str) -> float | Axis:
         return float(text)
     except ValueError as error:
         raise typer.BadParameter(f"{text!r}: write a number, or {AXIS}", param_hint=option) from error
-
-
-def _harmonic(text: str) -> tuple[int, float, float]:
-    try:
-        order, amplitude, phase = text.split(":")
-        return int(order), float(amplitude), float(phase)
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"harmonic {text!r}: write ORDER:AMPLITUDE:PHASE, such as 20:0.0033:0", param_hint="--harmonic"
-        ) from error
 
 
 def _tile(text: str) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
+from gear_rattle.service.operations.harmonics import EXAMPLE, TEXT, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
@@ -21,7 +23,7 @@ from gear_rattle.service.routes.model.added import (
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from rattle import Machine, ParameterError
-from rattle.models import ADDED, AnyGear, model_of
+from rattle.models import ADDED, AnyGear, model_of, with_harmonics
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -33,6 +35,7 @@ def positive_query(description: str, example: float | None = None, *, zero: bool
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
 
 
+MOST_HARMONICS = 64
 LINE = "m along the line of action"
 INERTIA = "kg m², of each of two equal gears with what turns with it, or of the first of two"
 DRAG = "N m s/rad: the drag torque of each gear over its speed"
@@ -53,6 +56,7 @@ SECOND = {
 }
 #: Of these and of what makes what models add, those that are above 0.
 OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
+Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS, examples=[[EXAMPLE]])]
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
@@ -98,20 +102,22 @@ async def place_of_query(
     radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
+    harmonic: Harmonics = (),
     **more: float | None,
 ) -> Place:
     """Return the point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
     needed["rpm"] = rpm
-    plain = {"delta": delta, "epsilon": epsilon}
+    plain: dict[str, Any] = {"delta": delta, "epsilon": epsilon}
     added = {name: value for name, value in more.items() if name in ADDED}
     making = {name: value for name, value in more.items() if name not in ADDED}
     given = [name for name, value in {**needed, "drive": drive, **making}.items() if value is not None]
-    if given:
-        making["restitution"] = added.pop("restitution", None)
-    else:
-        return Place(model_of(0.6 if beta is None else beta, **added).gear(**_all_of(plain)), None)
-    both = [name for name, value in {**plain, "beta": beta, **added}.items() if value is not None]
+    if not given:
+        model = with_harmonics(model_of(0.6 if beta is None else beta, **added), read_harmonics(harmonic))
+        return Place(model.gear(**_all_of(plain)), None)
+    making["restitution"] = added.pop("restitution", None)
+    plain |= {"beta": beta, **added, "harmonic": harmonic or None}
+    both = [name for name, value in plain.items() if value is not None]
     if both:
         raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} say it twice: give one")
     numbers: dict[str, Any] = {**_all_of(needed), **making}
