@@ -1,4 +1,4 @@
-"""What the package of any gear has for its plane, and this one lacks: each says so."""
+"""Functions that the package of any gear has for its plane and this one lacks: each says so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What somebody gives for an inelastic gear, checked: restitution, load and harmonics."""
+"""Check what is given for an inelastic gear: restitution, load and harmonics."""
 
 from __future__ import annotations
 

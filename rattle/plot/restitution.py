@@ -80,7 +80,7 @@ class RestitutionPlane:
 
     @property
     def dominant(self) -> NDArray[np.int64]:
-        """What attracts the most samples besides quiet running (m, n), as a number of SHOWN, or CHAOTIC."""
+        """Motion that attracts the most samples besides quiet running (m, n), as a number of SHOWN, or CHAOTIC."""
         found = np.full(self.epsilon.size * self.delta.size, QUIET_ALONE)
         most = np.zeros(found.size, np.int64)
         for row in range(self.table.kind.size):

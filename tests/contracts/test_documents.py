@@ -88,39 +88,6 @@ def mesh(rpm: float) -> float:
 
 
 QUICK = [
-    *(
-        Claim(
-            "restitution.md",
-            f"| {name} | (#, #) | (#, #) | (#, #) | (#, #) | (#, #) | (#, #) |",
-            lambda name=name: [x for r in (1.0, 0.98, 0.95, 0.9, 0.8, 0.5) for x in met_at(name, r)],
-        )
-        for name in ("COD20", "COD21", "COD23", "COD22")
-    ),
-    *(
-        Claim("restitution.md", f"| {r} | # | # | # | # | # |\n", lambda r=r: region_shares(float(r)))
-        for r in ("1", "0.9", "0.8", "0.6")
-    ),
-    Claim(
-        "restitution.md",
-        "r = 0.9 SN1 is # and the flip #",
-        lambda: [f(0.6, 0.9, 4 * np.pi) for f in (inelastic.saddle_node, inelastic.flip_of_c)],
-    ),
-    Claim(
-        "restitution.md",
-        "At r = # COD22 crosses the quiet limit**, at r = # COD23 does",
-        lambda: [crosses_the_quiet_limit(name) for name in ("COD22", "COD23")],
-    ),
-    Claim("restitution.md", "COD22 ends at r = #**, at (#, #)", lambda: end_of("COD22")),
-    Claim(
-        "restitution.md",
-        "COD22 − COD23 in δ is # at r = 1, # at 0.9 and # at 0.5",
-        lambda: [met_at("COD22", r)[0] - met_at("COD23", r)[0] for r in (1.0, 0.9, 0.5)],
-    ),
-    Claim(
-        "restitution.md",
-        "Their distance in δ is # at r = 1 and largest, #, near r = 0.5; at r = 0.001 it is #",
-        lambda: [met_at("COD23", r)[0] - met_at("COD21", r)[0] for r in (1.0, 0.5, 0.001)],
-    ),
     Claim(
         "labels.md",
         "an observation of # forcing periods and # relaxation times 1/δ",
@@ -160,6 +127,39 @@ QUICK = [
         "weak-damping.md",
         "lasts π/√(2κ) periods, # % at 3000 rpm and # % at 300",
         lambda: [100 * 3.14159265 / (2 * mesh(rpm)) ** 0.5 for rpm in (3000, 300)],
+    ),
+    *(
+        Claim(
+            "restitution.md",
+            f"| {name} | (#, #) | (#, #) | (#, #) | (#, #) | (#, #) | (#, #) |",
+            lambda name=name: [x for r in (1.0, 0.98, 0.95, 0.9, 0.8, 0.5) for x in met_at(name, r)],
+        )
+        for name in ("COD20", "COD21", "COD23", "COD22")
+    ),
+    *(
+        Claim("restitution.md", f"| {r} | # | # | # | # | # |\n", lambda r=r: region_shares(float(r)))
+        for r in ("1", "0.9", "0.8", "0.6")
+    ),
+    Claim(
+        "restitution.md",
+        "r = 0.9 SN1 is # and the flip #",
+        lambda: [f(0.6, 0.9, 4 * np.pi) for f in (inelastic.saddle_node, inelastic.flip_of_c)],
+    ),
+    Claim(
+        "restitution.md",
+        "At r = # COD22 crosses the quiet limit**, at r = # COD23 does",
+        lambda: [crosses_the_quiet_limit(name) for name in ("COD22", "COD23")],
+    ),
+    Claim("restitution.md", "COD22 ends at r = #**, at (#, #)", lambda: end_of("COD22")),
+    Claim(
+        "restitution.md",
+        "COD22 − COD23 in δ is # at r = 1, # at 0.9 and # at 0.5",
+        lambda: [met_at("COD22", r)[0] - met_at("COD23", r)[0] for r in (1.0, 0.9, 0.5)],
+    ),
+    Claim(
+        "restitution.md",
+        "Their distance in δ is # at r = 1 and largest, #, near r = 0.5; at r = 0.001 it is #",
+        lambda: [met_at("COD23", r)[0] - met_at("COD21", r)[0] for r in (1.0, 0.5, 0.001)],
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""Which attractors the samples of cells of the inelastic gear go to, by the stages of `rattle.attractors.classify`."""
+"""Find the attractors of samples of the inelastic gear, by the stages of `rattle.attractors.classify`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class InelasticClassifier(Classifier):
     def __init__(
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
-        """As the classifier of any gear, which knows no contact phases at first."""
+        """Begin as the classifier of any gear, with no contact phases known."""
         room = len(cells.delta), cells.zeros.shape[1]  # a state for each release at most
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
@@ -72,7 +72,7 @@ class InelasticClassifier(Classifier):
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
+        """Return whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
         return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
     def enter_known_orbits(self) -> None:

@@ -95,7 +95,7 @@ def settle(which, cells, samples, balls, states):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, states, sums, footprints):
-    """As `settle`, with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
+    """Follow samples with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns,
     footprints[j] the boxes that it visits. Contact makes the stretch −∞, which no chaos has.

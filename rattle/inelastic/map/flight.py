@@ -24,8 +24,8 @@ BEYOND = 1.2  # a bounce ends near 2|w|/|F''|: the first piece is this much long
 COSINE, SINE = range(2)  # rows of the departure's array (2, K): a cos and a sin of each harmonic at t₀
 
 
-class Flight(NamedTuple):
-    """What F of one flight is made of, beside the departure's array."""
+class InelasticFlight(NamedTuple):
+    """Parts of F of one flight, beside the departure's array."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w
@@ -44,7 +44,7 @@ def leaving(tau, w, delta, drift, harmonics, departure):
         departure[COSINE, j], departure[SINE, j] = harmonics[AMPLITUDE, j] * cosine, harmonics[AMPLITUDE, j] * sine
         slope -= turn * departure[SINE, j]
         bend -= turn * turn * departure[COSINE, j]
-    return Flight(w, drift + slope - w, bend, delta * (drift + slope) + bend, delta)
+    return InelasticFlight(w, drift + slope - w, bend, delta * (drift + slope) + bend, delta)
 
 
 @inline

@@ -41,7 +41,7 @@ def returned(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
 
 @kernel
 def stretched(tau, v, n, cell, cells, n_plus, n_minus, growth):
-    """As `returned`, with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+    """Follow states with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = point_at(cell[i], cells)
         x, y = 1.0, 0.0

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import Flight, tangent
+from rattle.inelastic.map.flight import InelasticFlight, tangent
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 
@@ -159,7 +159,7 @@ def one_impact(cosine, delta, epsilon, beta, r):
 def bent(w, x, y, delta):
     """Return the flight that leaves with this velocity at a phase with ε cos and ε sin."""
     slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
-    return Flight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
+    return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
 
 
 @kernel

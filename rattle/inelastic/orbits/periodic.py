@@ -34,7 +34,7 @@ class InelasticOrbit(NamedTuple):
 
     @property
     def stable(self) -> bool:
-        """Whether it attracts."""
+        """True if it attracts."""
         return abs(self.multipliers[0]) < 1.0
 
 
