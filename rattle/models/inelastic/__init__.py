@@ -28,7 +28,7 @@ class Inelastic(Model):
     name = "inelastic"
     title = "inelastic impacts"
     added = (RESTITUTION, LOAD)
-    has = frozenset({Capability.BALANCE, Capability.INTENSITY})
+    has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.CONTACT_PHASES})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
     tile_samples = 16_384

@@ -28,6 +28,7 @@ SCHEMA = {
     "attractor_m": (SLOT, "int32"),
     "attractor_n_plus": (SLOT, "int32"),
     "attractor_n_minus": (SLOT, "int32"),
+    "attractor_contacts": (SLOT, "int32"),
     "attractor_fraction": (SLOT, "float32"),
     "attractor_fraction_upper": (SLOT, "float32"),
     "attractor_lyapunov": (("attractor", "exponent", *CELL), "float64"),
