@@ -21,7 +21,7 @@ COUNT = 16  # samples of a cell
 Steps = dict[str, Callable[[], object]]
 
 
-def precompile(*, load: bool = False, **added: float | None) -> None:
+def precompile(*, preload: bool = False, **added: float | None) -> None:
     """Compile the kernels of surveys, unless that was done before.
 
     They are compiled in a process of their own, once on a machine for all processes, in up to a minute. Those that no
@@ -29,7 +29,7 @@ def precompile(*, load: bool = False, **added: float | None) -> None:
 
     Parameters
     ----------
-    load : bool
+    preload : bool
         Whether to load those that follow samples too, so that the first tile need not.
     **added : float, optional
         What a model adds, such as the stiffness of the stiff gear, for its kernels; by default those of the impacting
@@ -42,7 +42,7 @@ def precompile(*, load: bool = False, **added: float | None) -> None:
     """
     model = model_adding(name for name, value in added.items() if value is not None).name
     compile_apart(__name__, "survey", model)
-    if load:
+    if preload:
         survey(model)["attractors"]()
 
 

@@ -41,7 +41,7 @@ def tiles_of(request: AnyRequest) -> list[Any]:
 def compile_for(request: AnyRequest) -> None:
     """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
-        rattle.precompile(load=False, **request.added_numbers)
+        rattle.precompile(preload=False, **request.added_numbers)
 
 
 def compute_tile(
