@@ -22,7 +22,7 @@ COUNT = 16  # samples of a cell
 Steps = dict[str, Callable[[], object]]
 
 
-def precompile(*, load: bool = False, optional: bool = False, **added: float | None) -> None:
+def precompile(*, preload: bool = False, optional: bool = False, **added: float | None) -> None:
     """Compile the kernels of surveys, unless that was done before.
 
     They are compiled in a process of their own, once on a machine for all processes, in up to a minute. Those that no
@@ -32,7 +32,7 @@ def precompile(*, load: bool = False, optional: bool = False, **added: float | N
     ----------
     optional : bool
         Whether to compile those of families and intensities too, which only some surveys ask for.
-    load : bool
+    preload : bool
         Whether to load those that follow samples too, so that the first tile need not.
     **added : float, optional
         What a model adds, such as the stiffness of the stiff gear, for its kernels; by default those of the impacting
@@ -47,7 +47,7 @@ def precompile(*, load: bool = False, optional: bool = False, **added: float | N
     compile_apart(__name__, "survey", model)
     if optional:
         compile_apart(__name__, "by_request", model)
-    if load:
+    if preload:
         survey(model)["attractors"]()
 
 

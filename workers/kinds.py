@@ -42,7 +42,7 @@ def compile_for(request: AnyRequest) -> None:
     """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
-        rattle.precompile(load=False, optional=by_request, **request.added_numbers)
+        rattle.precompile(preload=False, optional=by_request, **request.added_numbers)
 
 
 def compute_tile(

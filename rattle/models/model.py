@@ -54,6 +54,8 @@ class Capability(StrEnum):
     BOUNDARIES = "an explanation of boundaries is"
     BIFURCATION_PROOFS = "a proof of a bifurcation is"
     PROOFS = "a proof of periodic motions is"
+    CONTACT_PHASES = "contact phases are"
+    SUM_RULE = "a sum of exponents that is −δ is"
     MANIFOLDS = "manifolds of saddles are"
     DIAGRAMS = "bifurcation diagrams are"
     DEPARTURES = "motions that begin inside the gap, as after a shock, are"

@@ -38,7 +38,7 @@ class Inelastic(Model):
     name = "inelastic"
     title = "inelastic impacts"
     added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
-    has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE})
+    has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE, Capability.CONTACT_PHASES})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
     curve_names = inelastic.NAMES

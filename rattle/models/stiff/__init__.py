@@ -38,6 +38,7 @@ class Stiff(Model):
             Capability.BALANCE,
             Capability.INTENSITY,
             Capability.PROOFS,
+            Capability.SUM_RULE,
             Capability.MANIFOLDS,
             Capability.DIAGRAMS,
             Capability.DEPARTURES,

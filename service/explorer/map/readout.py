@@ -128,7 +128,8 @@ def _attractors(cell: xr.Dataset) -> str:
         if kind == "none":
             continue
         label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
-        row = [legend_name(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        contacts = int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
+        row = [legend_name(label, contacts) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:

@@ -129,6 +129,16 @@ QUANTITIES: tuple[Quantity, ...] = (
         evaluate.slots("n_minus", "int32"),
     ),
     Quantity(
+        "attractor_contacts",
+        Group.ATTRACTORS,
+        _SLOT,
+        "int32",
+        "contact phases on either wall in m forcing periods; their exponents are -infinity; 0 unless periodic",
+        _ORBITS,
+        evaluate.slots("contacts", "int32"),
+        needs=Capability.CONTACT_PHASES,
+    ),
+    Quantity(
         "attractor_fraction",
         Group.ATTRACTORS,
         _SLOT,
@@ -271,6 +281,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "largest |λ1 + λ2 + δ| of the attractors that are not quiet",
         _SUM_RULE,
         evaluate.sum_rule_error,
+        needs=Capability.SUM_RULE,
     ),
     Quantity(
         "impulse_balance_error",
