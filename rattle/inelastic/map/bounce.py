@@ -1,11 +1,12 @@
 """An inelastic motion from impact to impact, for what its impacts sum up to (compiled).
 
 A chatter that completes has infinitely many impacts. They are followed until the bound of `is_captured` is met a
-million times over (`REST`); what is left then takes 2v/((1 − r)|g|) to a relative error of REST, and has less than
-REST² of the energy that a captured impact may have. The last impact that is followed is put at the end of the chatter.
-It has the whole contact phase for its duration and is left with speed 0, at the release; its impulse is that of all
-that happens until then, exactly: Φ' goes from the velocity of arrival to 0 while Φ returns to the wall, so that the
-wall gives the speed of arrival and the integral of the contact force.
+million times over (`REST`). The rest takes less than
+2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and has less than REST² of the energy that a captured impact
+may have. The last impact that is followed has the whole contact phase with this rest for its duration and is left with
+speed 0, at the release; its impulse is that of all that happens until then, exactly: Φ' goes from the velocity of
+arrival to 0 while Φ returns to the wall, so that the wall gives the speed of arrival and the integral of the contact
+force.
 """
 
 from __future__ import annotations
@@ -28,14 +29,6 @@ from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, inline, kernel
 
 REST = 1e-6  # of the largest speed that is captured, at which the rest of a chatter is summed
-
-
-@inline
-def chatter_time(wall, v, force, point):
-    """Return how long the rest of a chatter takes, 2v/((1 − r)|g|), to a relative error of the order of itself."""
-    if point.restitution == 1.0:
-        return math.inf
-    return 2.0 * v / ((1.0 - point.restitution) * wall * force)
 
 
 @inline
@@ -89,8 +82,7 @@ def bounced(wall, tau, w, point):
     end = zeros[piece] if piece < zeros.size else zeros[0] + 1.0
     change = primitive(end, delta, harmonics) - primitive(landed, delta, harmonics)
     pressed = wall * (delta * point.drift * (end - landed) + change)
-    rest = chatter_time(wall, v, force, point)
-    return OK, s + rest, wall, speed, end - landed - rest, speed + pressed, 0.0
+    return OK, s, wall, speed, end - landed, speed + pressed, 0.0
 
 
 @for_type(bounce, InelasticPoint)

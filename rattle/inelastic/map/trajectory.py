@@ -6,13 +6,20 @@ import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.inelastic.map.bounce import chatter_time
 from rattle.inelastic.map.flight import evaluate, first_impact, leaving
 from rattle.inelastic.map.impact_map import InelasticPoint, leave, piece_of
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
 SHORT = 1e-5  # forcing periods: the rest of a chatter that is not followed, relative to 1
+
+
+@kernel
+def chatter_time(wall, v, force, point):
+    """Return how long the rest of a chatter takes, 2v/((1 − r)|g|), to a relative error of the order of itself."""
+    if point.restitution == 1.0:
+        return math.inf
+    return 2.0 * v / ((1.0 - point.restitution) * wall * force)
 
 
 @kernel
