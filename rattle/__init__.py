@@ -38,7 +38,7 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.visit import Impacts
-from rattle.machine import Machine, TransmissionError, Verdict, read_transmission_error, transmission_error
+from rattle.machine import Machine, MachineVerdict, TransmissionError, read_transmission_error, transmission_error
 from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.states import sampled_states
@@ -117,6 +117,7 @@ __all__ = [
     "Lines",
     "LogNormal",
     "Machine",
+    "MachineVerdict",
     "Measured",
     "MissingExtraError",
     "Normal",
@@ -136,7 +137,6 @@ __all__ = [
     "Triangular",
     "Uncertainty",
     "Uniform",
-    "Verdict",
     "__version__",
     "accumulated",
     "attractors_of",

@@ -5,7 +5,7 @@ from rattle.machine.given import RPM, UNITS
 from rattle.machine.machine import Machine, MachineIntensity
 from rattle.machine.point import point_of
 from rattle.machine.transmission_error import TransmissionError, read_transmission_error, transmission_error
-from rattle.machine.verdict import VERDICTS, Verdict
+from rattle.machine.verdict import VERDICTS, MachineVerdict
 
 __all__ = [
     "DRIVES",
@@ -14,10 +14,10 @@ __all__ = [
     "VERDICTS",
     "Machine",
     "MachineIntensity",
+    "MachineVerdict",
     "Reduced",
     "TransmissionError",
     "Units",
-    "Verdict",
     "point_of",
     "read_transmission_error",
     "transmission_error",

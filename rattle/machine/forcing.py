@@ -23,7 +23,7 @@ Component = tuple[Fraction, Any, Any]  # order of the first gear's revolution, a
 AMPLITUDES = {"driven_eccentricity": 0, "mesh_error": 1, "mesh_error_2": 2, "mesh_error_3": 3}
 
 
-class Forcing(NamedTuple):
+class PairForcing(NamedTuple):
     """The transmission error of one pair or of many, arrays (…,).
 
     Parameters
@@ -120,14 +120,14 @@ def components_of(
     return [each for each in found if np.any(each[1])]
 
 
-def assembled(components: Sequence[Component]) -> Forcing:
+def assembled(components: Sequence[Component]) -> PairForcing:
     """Return the sum of all parts over the period that they share.
 
     Parts of one order are added as phasors, and time begins where the first harmonic, if there is one, has phase 0.
 
     Returns
     -------
-    Forcing
+    PairForcing
         The sum.
 
     Raises
@@ -136,7 +136,7 @@ def assembled(components: Sequence[Component]) -> Forcing:
         An order, or the number of harmonics, exceeds what a forcing may have.
     """
     if not components:
-        return Forcing(1.0, 0.0, 0.0, (), np.empty((0,)), np.empty((0,)))
+        return PairForcing(1.0, 0.0, 0.0, (), np.empty((0,)), np.empty((0,)))
     whole = math.lcm(*(order.denominator for order, _, _ in components))
     base = Fraction(math.gcd(*(int(order * whole) for order, _, _ in components)), whole)
     of: dict[int, list[tuple[Any, Any]]] = {}
@@ -163,7 +163,7 @@ def assembled(components: Sequence[Component]) -> Forcing:
     relative[0] = np.where(scale > 0.0, relative[0], 1.0)
     number = np.array(orders, float).reshape((-1, *[1] * len(shape)))
     earlier = np.where(first > 0.0, phase[0], 0.0)
-    return Forcing(float(base), scale[()], size.sum(axis=0)[()], orders, relative, (phase - number * earlier) % 1.0)
+    return PairForcing(float(base), scale[()], size.sum(axis=0)[()], orders, relative, (phase - number * earlier) % 1.0)
 
 
 def _sum_of(parts: list[tuple[Any, Any]]) -> tuple[Any, Any]:

@@ -30,7 +30,7 @@ from rattle.machine.conversion import DRIVES, Units
 from rattle.machine.forcing import AMPLITUDES, checked_components
 from rattle.machine.given import DRIVEN, RPM, WIDEST, in_si, is_quantity, require_plausible, require_slow, teeth_of
 from rattle.machine.point import MachinePoint, point_of
-from rattle.machine.verdict import Verdict, verdict_of
+from rattle.machine.verdict import MachineVerdict, verdict_of
 from rattle.parameters import Harmonic
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ class Machine:
         """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
         return self.gear.attractors(count, NATURAL, seed)
 
-    def verdict(self, count: int = 256, seed: int = 0) -> Verdict:
+    def verdict(self, count: int = 256, seed: int = 0) -> MachineVerdict:
         """Return whether it rattles: quiet, quiet unless knocked, from what share of starts, or always.
 
         Parameters
@@ -291,7 +291,7 @@ class Machine:
 
         Returns
         -------
-        Verdict
+        MachineVerdict
             The answer; print it for one line.
 
         Raises

@@ -9,7 +9,7 @@ import numpy as np
 
 from rattle.machine import conversion
 from rattle.machine.conversion import Reduced, Units
-from rattle.machine.forcing import AMPLITUDES, Forcing, assembled, components_of
+from rattle.machine.forcing import AMPLITUDES, PairForcing, assembled, components_of
 from rattle.machine.given import DRIVEN, require_pair
 
 
@@ -24,7 +24,7 @@ class MachinePoint(NamedTuple):
     epsilon: Any
     beta: Any
     pair: Reduced
-    forcing: Forcing
+    forcing: PairForcing
     added: dict[str, Any]
     units: Units
 

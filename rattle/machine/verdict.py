@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from rattle.attractors.speeds import NATURAL, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import require_integer
+from rattle.machine.conversion import Units
 from rattle.numerics.sampling import wilson_interval
 
 if TYPE_CHECKING:
-    from rattle.machine.machine import Machine
+    from rattle.models import AnyGear
 
 QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
 PHASES, SPEEDS, ROUNDS = 32, 64, 2  # of knocks that are tried, up to the least so far in each round after the first
@@ -20,8 +21,8 @@ HARDEST = 3.0  # times the largest speed of a start
 MOST_COUNT = 65_536
 
 
-class Verdict(NamedTuple):
-    """Whether a machine rattles, in one answer; `str` is one line of it.
+class MachineVerdict(NamedTuple):
+    """The answer to the question whether a machine rattles; `str` is one line of it.
 
     kind: "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles". share: of starts that end in
     rattling, low and high its 95 % interval, where undecided starts count as either. knock: m/s along the line of
@@ -49,22 +50,37 @@ class Verdict(NamedTuple):
         return f"rattles from {100 * self.share:.0f} % of starts ({interval}){knock}"
 
 
-def verdict_of(machine: Machine, count: int, seed: int) -> Verdict:
+class Rattles(Protocol):
+    """A machine as a verdict needs it."""
+
+    @property
+    def gear(self) -> AnyGear:
+        """Its parameter point."""
+
+    @property
+    def units(self) -> Units:
+        """From the model back to SI units."""
+
+    def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
+        """Return its attractors."""
+
+
+def verdict_of(machine: Rattles, count: int, seed: int) -> MachineVerdict:
     """Return the verdict of a machine: see `Machine.verdict`."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)
     hardest = HARDEST * sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
     if gear.epsilon >= gear.quiet_limit:
-        return Verdict(ALWAYS, 1.0, 1.0, 1.0, 0.0, unit * hardest)
+        return MachineVerdict(ALWAYS, 1.0, 1.0, 1.0, 0.0, unit * hardest)
     found = machine.attractors(count, seed)
     rattling, open_ = (round(count * sum(each.fraction for each in found if of(each))) for of in (_rattles, _is_open))
     low, high = wilson_interval(rattling, count)[0], wilson_interval(rattling + open_, count)[1]
     knock = least_knock(machine, hardest)
     kind = SOMETIMES if rattling else QUIET if np.isinf(knock) else KNOCKED
-    return Verdict(kind, rattling / count, float(low), float(high), unit * knock, unit * hardest)
+    return MachineVerdict(kind, rattling / count, float(low), float(high), unit * knock, unit * hardest)
 
 
-def least_knock(machine: Machine, hardest: float) -> float:
+def least_knock(machine: Rattles, hardest: float) -> float:
     """Return the least speed of the model that makes resting teeth rattle; inf if none up to the hardest does.
 
     PHASES × SPEEDS knocks are followed, then as many below the least that was found, so a window of rattling that is

@@ -223,7 +223,7 @@ class _Solver:
 
     @property
     def from_zero(self) -> bool:
-        """Whether it may be 0."""
+        """True if it may be 0."""
         return self.of in FROM_ZERO or is_order(self.of)
 
     def _is_beyond(self, value: float) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import ParameterError, did_you_mean, require, require_number
 from rattle.machine import Machine, Units, conversion
-from rattle.machine.forcing import AMPLITUDES, Forcing
+from rattle.machine.forcing import AMPLITUDES, PairForcing
 from rattle.machine.given import DRIVEN, RPM
 from rattle.machine.given import MAY_BE_ZERO as MACHINE_MAY_BE_ZERO
 from rattle.machine.point import point_of
@@ -246,7 +246,7 @@ def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int,
     if not shape:
         return Points(at, units)
     sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in shape.values()] for i in (0, 1))
-    forcing = Forcing(1.0, 1.0, 1.0, tuple(shape), np.stack(sizes), np.stack(phases))
+    forcing = PairForcing(1.0, 1.0, 1.0, tuple(shape), np.stack(sizes), np.stack(phases))
     shapes = np.empty(at.shape, object)
     for row in np.ndindex(at.shape):
         shapes[row] = forcing.harmonics(row)

@@ -95,7 +95,7 @@ def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     if not {"delta", "epsilon"} <= set(plain):
         raise typer.BadParameter("give DELTA and EPSILON, or a machine: --inertia, --drag, and so on")
 
-    from gear_rattle.service.operations.harmonics import read_harmonics
+    from gear_rattle.service.harmonics import read_harmonics
     from rattle.errors import require_number
     from rattle.models import model_of, with_harmonics
 

@@ -179,7 +179,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
         if "tile" in fields:
             fields["tile"] = _tile(fields["tile"])
         if harmonics := fields.pop("harmonic", None):
-            from gear_rattle.service.operations.harmonics import read_harmonics
+            from gear_rattle.service.harmonics import read_harmonics
 
             fields["harmonics"] = read_harmonics(harmonics)
         if quantities := fields.pop("quantity", None):

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.operations.harmonics import read_harmonics
+from gear_rattle.service.harmonics import read_harmonics
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.operations.harmonics import EXAMPLE, TEXT, read_harmonics
+from gear_rattle.service.harmonics import EXAMPLE, TEXT, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
