@@ -20,7 +20,7 @@ def read_harmonics(texts: Iterable[str]) -> tuple[Harmonic, ...]:
     return tuple(_read(text) for text in texts)
 
 
-def written(harmonics: Iterable[Harmonic]) -> list[str]:
+def written_harmonics(harmonics: Iterable[Harmonic]) -> list[str]:
     """Return the texts that `read_harmonics` reads, to the last bit."""
     return [f"{order}:{amplitude!r}:{phase!r}" for order, amplitude, phase in harmonics]
 

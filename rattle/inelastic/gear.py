@@ -16,17 +16,17 @@ from rattle.flight.first_impact import LONGEST, OK
 from rattle.flight.forcing import DRIFT
 from rattle.flight.law import folded
 from rattle.inelastic.attractors.classifier import InelasticClassifier
-from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
+from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map import bounce  # noqa: F401 impacts and their sums
 from rattle.inelastic.map.cells import point_with
-from rattle.inelastic.map.flight import first_impact, leaving
+from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_of, step_tangent
 from rattle.inelastic.map.iterate import iterate
 from rattle.inelastic.map.quiet import quiet_limit
 from rattle.inelastic.map.trajectory import trajectory
 from rattle.inelastic.orbits.closed_form import bounces, flip_of_c, saddle_node
 from rattle.inelastic.orbits.period_one import period_one
-from rattle.inelastic.orbits.periodic import InelasticOrbit, periodic_orbit
+from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.period_one import N_MINUS, NAMES, Orbit, PeriodOne, classify
@@ -88,7 +88,7 @@ class InelasticGear(Sampled, Rattling):
     def parameters(self) -> Parameters:
         """Its parameters, arrays (1,)."""
         numbers = ([self.delta], [self.epsilon], [self.beta], [self.restitution], [self.load])
-        return points_of(*numbers, checked_harmonics(self.harmonics))
+        return inelastic_points(*numbers, checked_harmonics(self.harmonics))
 
     @cached_property
     def _point(self) -> InelasticPoint:
@@ -134,9 +134,9 @@ class InelasticGear(Sampled, Rattling):
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         point, tau = self._point, _phase(phase)
         departure = np.empty((2, point.harmonics.shape[1]))
-        flight = leaving(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
+        flight = leaving_forced(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
         piece = piece_of(tau, point.zeros)
-        status, time, target, w1, *_ = first_impact(np.int64(wall), tau, flight, piece, point, departure)
+        status, time, target, w1, *_ = first_forced_impact(np.int64(wall), tau, flight, piece, point, departure)
         _raise_for(status)
         return FirstInelasticImpact(time, int(target), w1)
 
@@ -206,7 +206,7 @@ class InelasticGear(Sampled, Rattling):
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
         """Return the periodic motion near (τ, v) that repeats itself after n_plus returns: see `periodic_orbit`."""
-        return periodic_orbit(self._point, _phase(tau), v, n_plus)
+        return inelastic_orbit(self._point, _phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
         """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""

@@ -65,7 +65,7 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     return tuple(found[order] for order in sorted(found))
 
 
-def points_of(
+def inelastic_points(
     delta: ArrayLike,
     epsilon: ArrayLike,
     beta: ArrayLike,

@@ -3,7 +3,7 @@
 from rattle.machine.conversion import DRIVES, Reduced, Units
 from rattle.machine.given import RPM, UNITS
 from rattle.machine.machine import Machine, MachineIntensity
-from rattle.machine.point import point_of
+from rattle.machine.point import machine_point
 from rattle.machine.transmission_error import TransmissionError, read_transmission_error, transmission_error
 from rattle.machine.verdict import VERDICTS, MachineVerdict
 
@@ -18,7 +18,7 @@ __all__ = [
     "Reduced",
     "TransmissionError",
     "Units",
-    "point_of",
+    "machine_point",
     "read_transmission_error",
     "transmission_error",
 ]

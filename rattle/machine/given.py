@@ -99,7 +99,7 @@ def teeth_of(name: str, value: Any) -> int | None:
     return int(number)
 
 
-def require_pair(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
+def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
     """Return the second gear's base radius, which its tooth number decides where it is not given.
 
     Returns

@@ -29,8 +29,8 @@ from rattle.intensity.motions import Motion
 from rattle.machine.conversion import DRIVES, Units
 from rattle.machine.forcing import AMPLITUDES, checked_components
 from rattle.machine.given import DRIVEN, RPM, WIDEST, in_si, is_quantity, require_plausible, require_slow, teeth_of
-from rattle.machine.point import MachinePoint, point_of
-from rattle.machine.verdict import MachineVerdict, verdict_of
+from rattle.machine.point import MachinePoint, machine_point
+from rattle.machine.verdict import MachineVerdict, machine_verdict
 from rattle.parameters import Harmonic
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ class Machine:
     @cached_property
     def _point(self) -> MachinePoint:
         numbers = {each.name: getattr(self, each.name) for each in fields(self)}
-        return point_of(numbers, self.speed, self.errors, self.driven_errors)
+        return machine_point(numbers, self.speed, self.errors, self.driven_errors)
 
     @property
     def rpm(self) -> float:
@@ -299,7 +299,7 @@ class Machine:
         ParameterError
             An argument is outside its domain.
         """
-        return verdict_of(self, count, seed)
+        return machine_verdict(self, count, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
         """Return how hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""

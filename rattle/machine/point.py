@@ -10,7 +10,7 @@ import numpy as np
 from rattle.machine import conversion
 from rattle.machine.conversion import Reduced, Units
 from rattle.machine.forcing import AMPLITUDES, PairForcing, assembled, components_of
-from rattle.machine.given import DRIVEN, require_pair
+from rattle.machine.given import DRIVEN, require_two
 
 
 class MachinePoint(NamedTuple):
@@ -35,7 +35,7 @@ class MachinePoint(NamedTuple):
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
 
 
-def point_of(
+def machine_point(
     numbers: Mapping[str, Any],
     speed: Any,
     errors: Sequence[tuple[int, Any, Any]] = (),
@@ -68,7 +68,7 @@ def point_of(
     given = {name: value for name, value in numbers.items() if value is not None}
     teeth, driven_teeth = (None if given.get(name) is None else int(given[name]) for name in ("teeth", "driven_teeth"))
     driven = {f"driven_{name}": given.get(f"driven_{name}", given[name]) for name in DRIVEN}
-    driven["driven_radius"] = require_pair(given, given["radius"], teeth, driven_teeth)
+    driven["driven_radius"] = require_two(given, given["radius"], teeth, driven_teeth)
     amplitudes = {name: given[name] for name in ("eccentricity", *AMPLITUDES) if name in given}
     forcing = assembled(components_of(teeth, driven_teeth, amplitudes, errors, driven_errors))
     drive = given.get("drive", "torque")

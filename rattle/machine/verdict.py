@@ -65,7 +65,7 @@ class Rattles(Protocol):
         """Return its attractors."""
 
 
-def verdict_of(machine: Rattles, count: int, seed: int) -> MachineVerdict:
+def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
     """Return the verdict of a machine: see `Machine.verdict`."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)

@@ -16,7 +16,7 @@ from rattle.machine import Machine, Units, conversion
 from rattle.machine.forcing import AMPLITUDES, PairForcing
 from rattle.machine.given import DRIVEN, RPM
 from rattle.machine.given import MAY_BE_ZERO as MACHINE_MAY_BE_ZERO
-from rattle.machine.point import point_of
+from rattle.machine.point import machine_point
 from rattle.models import ADDED, OTHERS, Inelastic, Model, model_adding
 from rattle.parameters import BETA, Harmonic, Parameters
 from rattle.populations.copula import Copula, correlation_of, shares
@@ -172,7 +172,7 @@ def points_of(given: Mapping[str, Any]) -> Points:
         orders = orders_of(numbers, HARMONIC)
         return _points({name: own[name] for name in DIMENSIONLESS}, None, {k: (own[name], 0.0) for k, name in orders})
     errors = [(order, numbers[name], 0.0) for order, name in orders_of(numbers, ERROR)]
-    at = point_of(numbers, numbers["rpm"] * RPM, errors)
+    at = machine_point(numbers, numbers["rpm"] * RPM, errors)
     rows = zip(at.forcing.orders, at.forcing.relative, at.forcing.phase, strict=True)
     shape = {order: (size, phase) for order, size, phase in rows} if len(at.forcing.orders) > 1 else {}
     return _points({"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}, at.units, shape)

@@ -14,7 +14,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, mode
 
 from gear_rattle.workers.survey.axes import Axis, Real, Strict, reason
 from rattle import Machine
-from rattle.machine import RPM, Reduced, point_of
+from rattle.machine import RPM, Reduced, machine_point
 
 Part = TypeVar("Part", bound=Strict)
 Positive = Annotated[Real, Field(gt=0)]
@@ -55,7 +55,7 @@ class SurveyedMachine(Strict):
     @property
     def _pair(self) -> Reduced:
         """The two gears at a speed of 1 rad/s."""
-        return point_of({**self.model_dump(), "eccentricity": 0.0}, 1.0).pair
+        return machine_point({**self.model_dump(), "eccentricity": 0.0}, 1.0).pair
 
     @property
     def beta(self) -> float:

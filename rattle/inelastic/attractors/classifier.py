@@ -12,16 +12,16 @@ from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.families.join import cells_between
 from rattle.inelastic.attractors.settle import CONTACT, ContactStates, label_contacts, measure, resolve_contacts, settle
-from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
-from rattle.inelastic.map.cells import InelasticCells, cells_at, cells_with
-from rattle.inelastic.map.iterate import returned
+from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
+from rattle.inelastic.map.cells import InelasticCells, cells_with, inelastic_cells
+from rattle.inelastic.map.iterate import returned_states
 from rattle.parameters import Parameters
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
     """Return cells with these parameters (n,), as kernels take them."""
     added = parameters.added["restitution"], parameters.added["load"]
-    return cells_at(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
+    return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
 
 @cells_between.register
@@ -62,7 +62,7 @@ class InelasticClassifier(Classifier):
         if parameters.size > 1:
             cell = np.arange(tau.size)
         counts = (np.zeros(tau.size, np.int64) for _ in range(3))
-        returned(tau, v, np.full(tau.size, returns), cell, cells, quiet, *counts, np.zeros(tau.size))
+        returned_states(tau, v, np.full(tau.size, returns), cell, cells, quiet, *counts, np.zeros(tau.size))
         return tau, v, quiet > 0
 
     @staticmethod
@@ -148,5 +148,5 @@ def attractors_of(
     ParameterError
         A parameter is outside its domain.
     """
-    cells = points_of(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    cells = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     return of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

@@ -65,7 +65,7 @@ def after_contact(tau, v, n, k, mark, samples, states):
 
 
 @inline
-def ended_with(code):
+def ending_of(code):
     """Return the outcome of a sample whose return does not come back."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
@@ -83,7 +83,7 @@ def settle(which, cells, samples, balls, states):
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below, on_plus, on_minus = step(tau, v, point)
             if code != OK:
-                status = ended_with(code)
+                status = ending_of(code)
                 break
             n, total = n + 1, total + time
             if on_plus + on_minus > 0:
@@ -116,7 +116,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
             before = v
             code, tau, v, time, _below, j00, j01, j10, j11, log_det, on_plus, on_minus = step_tangent(tau, v, point)
             if code != OK:
-                status = ended_with(code)
+                status = ending_of(code)
                 break
             n, total = n + 1, total + time
             # in (t, v²/2), where the determinant is that of the impact law

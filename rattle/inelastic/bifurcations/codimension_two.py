@@ -24,7 +24,7 @@ from rattle.errors import RattleError, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import admissible_or_why
-from rattle.inelastic.bifurcations.starts import TWO, grazes
+from rattle.inelastic.bifurcations.starts import TWO, graze_starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.notebook import Columns, Tabular
 from rattle.numerics.complex_step import Array
@@ -172,7 +172,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     if name not in known:
         raise RattleError(f"there is no {name} for beta = {beta:g}")
     at = known[name]
-    near = grazes(at.delta, beta, 1.0)
+    near = graze_starts(at.delta, beta, 1.0)
     if not near:
         raise RattleError(f"{name} has no graze to start from for beta = {beta:g}")
     problem = _problem(name, beta)

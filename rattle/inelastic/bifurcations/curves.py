@@ -25,7 +25,7 @@ from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.inelastic.bifurcations.codimension_two import points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
 from rattle.inelastic.given import Harmonics, checked_harmonics
-from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, shape_of
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, forcing_shape
 from rattle.inelastic.map.quiet import least_force
 from rattle.inelastic.orbits.equations import under_load, without_load
 from rattle.numerics.complex_step import Array
@@ -76,7 +76,7 @@ def trace(
     dampings = _dampings(window, beta / (1.0 + load))
     try:
         if name == QUIET_LIMIT:
-            return _quiet_limit(beta, load, shape_of(shape), window, dampings)
+            return _quiet_limit(beta, load, forcing_shape(shape), window, dampings)
         if shape:
             raise RattleError(
                 f"{name} is traced under one cosine only, and {QUIET_LIMIT} under any forcing: leave out the harmonics"

@@ -55,18 +55,18 @@ _DEFINITIONS = (
     InelasticDefinition(
         "SN1",
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; closed form for any restitution",
-        lambda delta, _beta, r: starts.one_impact(Kind.SADDLE_NODE, delta, r),
+        lambda delta, _beta, r: starts.one_impact_starts(Kind.SADDLE_NODE, delta, r),
     ),
-    InelasticDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.folds),
+    InelasticDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_starts),
     InelasticDefinition(
         "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.first_flip
     ),
-    InelasticDefinition("G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.grazes),
-    InelasticDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.grazes),
+    InelasticDefinition("G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_starts),
+    InelasticDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.graze_starts),
     InelasticDefinition(
         "PDC",
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; closed form for any restitution",
-        lambda delta, _beta, r: starts.one_impact(Kind.FLIP, delta, r),
+        lambda delta, _beta, r: starts.one_impact_starts(Kind.FLIP, delta, r),
     ),
     InelasticDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
 )

@@ -16,15 +16,15 @@ from rattle.flight.forcing import DRIFT
 from rattle.impacting.bifurcations.starts import CLOSE, FINER, FINEST, StartFamily
 from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node, slope_at_departure
 from rattle.inelastic.orbits.equations import InelasticItinerary
-from rattle.inelastic.orbits.family import closure, nodes
+from rattle.inelastic.orbits.family import family_closure, family_nodes
 from rattle.numerics.complex_step import Array
 
 ONE, TWO = (1,), (1, -1)  # walls
 
 
-def members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
+def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
     """Return the P(1,1,1) motions with these rising times 1/2 + σ from Σ⁺ to Σ⁻."""
-    closed = np.array([closure(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
+    closed = np.array([family_closure(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
@@ -34,20 +34,20 @@ def members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
 
 
 @lru_cache(maxsize=256)
-def two_impacts(delta: float, beta: float, r: float) -> StartFamily:
+def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
     """Return the family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
-    sigma, epsilon = nodes(delta, beta, r)
-    return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
+    sigma, epsilon = family_nodes(delta, beta, r)
+    return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
 
 def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
     """Unknowns at the sign changes of a function of the family, in the order of σ, near enough to solve from."""
-    coarse = two_impacts(delta, beta, r)
+    coarse = two_impact_starts(delta, beta, r)
     at, found = values(coarse), []
     for i in np.flatnonzero(at[:-1] * at[1:] < 0):
         low, high = coarse.sigma[i], coarse.sigma[i + 1]
         for _ in range(FINEST):
-            fine = members(np.linspace(low, high, FINER), delta, beta, r)
+            fine = inelastic_members(np.linspace(low, high, FINER), delta, beta, r)
             at_fine = values(fine)
             changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
             k = int(changes[0]) if changes.size else FINER // 2
@@ -59,39 +59,39 @@ def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r:
     return found
 
 
-def folds(delta: float, beta: float, r: float) -> list[Array]:
+def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
     """Saddle-nodes of B and D."""
     return _zeros(lambda at: at.saddle_node, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
-def grazes(delta: float, beta: float, r: float) -> tuple[Array, ...]:
+def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     """Members of the family whose speed at Σ⁻ is 0."""
     return tuple(_zeros(lambda at: at.u, delta, beta, r))
 
 
 @lru_cache(maxsize=256)
-def flips(delta: float, beta: float, r: float) -> tuple[Array, ...]:
+def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     """Flips of B and D."""
     return tuple(_zeros(lambda at: at.flip, delta, beta, r))
 
 
 def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
     """Return the flip next to SN2 on D, if D is stable before it."""
-    found = flips(delta, beta, r)
+    found = flip_starts(delta, beta, r)
     if not found:
         return ()
-    at, x = two_impacts(delta, beta, r), found[0]
+    at, x = two_impact_starts(delta, beta, r), found[0]
     loses = at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0
     return found[:1] if loses else ()
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
     """Return the flips at which D becomes stable again, and beyond the fold where it ceases to be."""
-    return flips(delta, beta, r)[len(first_flip(delta, beta, r)) :]
+    return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
-def one_impact(kind: Kind, delta: float, r: float) -> list[Array]:
+def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
     """SN1 (τ = 3/4), or PDC (the flip of C)."""
     offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)

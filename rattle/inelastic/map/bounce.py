@@ -1,6 +1,6 @@
 """An inelastic motion from impact to impact, for what its impacts sum up to (compiled).
 
-A chatter that completes has infinitely many impacts. They are followed until the bound of `is_captured` is met a
+A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` is met a
 million times over (`REST`). The rest takes less than
 2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and has less than REST² of the energy that a captured impact
 may have. The last impact that is followed has the whole contact phase with this rest for its duration and is left with
@@ -20,8 +20,8 @@ from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import TWO_PI, phase_at
 from rattle.flight.law import folded, wrapped
-from rattle.inelastic.map.contact import is_captured
-from rattle.inelastic.map.flight import first_impact, leaving
+from rattle.inelastic.map.contact import is_chatter_captured
+from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_of
 from rattle.intensity.forces import force_lines
@@ -54,7 +54,7 @@ def release_at(tau, zeros):
 
 
 @kernel
-def bounced(wall, tau, w, point):
+def bounced_with_loss(wall, tau, w, point):
     """See `rattle.intensity.visit.bounce`; a velocity of 0 is a release."""
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
     departure = np.empty((2, harmonics.shape[1]))
@@ -65,10 +65,10 @@ def bounced(wall, tau, w, point):
         tau, piece = zeros[number], number + 1
     else:
         piece = piece_of(tau, zeros)
-    flight = leaving(tau, w, delta, point.drift, harmonics, departure)
-    if zeros.size == 0 and is_captured(wall, abs(w), flight.force, point):
+    flight = leaving_forced(tau, w, delta, point.drift, harmonics, departure)
+    if zeros.size == 0 and is_chatter_captured(wall, abs(w), flight.force, point):
         return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
-    status, s, wall, w1, _bend, _lost = first_impact(wall, tau, flight, piece, point, departure)
+    status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
     speed = abs(w1)
     v = point.restitution * speed
     if status != OK:
@@ -76,7 +76,7 @@ def bounced(wall, tau, w, point):
     landed = folded(tau + s)
     force, _rate = force_at(landed, delta, point.drift, harmonics)
     slow = v < REST * point.capture * force * force
-    if not (slow and zeros.size > 0 and is_captured(wall, v, force, point)):
+    if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
         return OK, s, wall, speed, 0.0, speed + v, v
     piece = piece_of(landed, zeros)
     end = zeros[piece] if piece < zeros.size else zeros[0] + 1.0
@@ -87,7 +87,7 @@ def bounced(wall, tau, w, point):
 
 @for_type(bounce, InelasticPoint)
 def _bounce(wall, tau, w, point):
-    return bounced(wall, tau, w, point)
+    return bounced_with_loss(wall, tau, w, point)
 
 
 @for_type(mean_force_at, InelasticPoint)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.forcing import DRIFT
 from rattle.inelastic.map.contact import capture_of, quiet_invariant
-from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, bounds_of, isolated_zeros, most_zeros, shape_of
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, bounds_of, forcing_shape, isolated_zeros, most_zeros
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits.return_map import between, point_of
@@ -104,7 +104,7 @@ def _between(share, one, other):
     )
 
 
-def cells_at(
+def inelastic_cells(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
@@ -113,7 +113,7 @@ def cells_at(
     harmonics: Any = (),
 ) -> InelasticCells:
     """Return cells with these parameters (n,) and harmonics beside the first, as kernels take them."""
-    return cells_with(delta, epsilon, beta, restitution, load, shape_of(harmonics))
+    return cells_with(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
 
 
 def cells_with(
@@ -143,4 +143,4 @@ def point_with(
 ) -> InelasticPoint:
     """Return one parameter point, as kernels take it."""
     d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
-    return InelasticPoint(*point_at(0, cells_at(d, e, b, r, more, harmonics)))
+    return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))

@@ -10,8 +10,8 @@ all flights together last at most
 
 If that is no more than T, the chatter is complete before T is over. With |h'| ≤ L and T = x h/L, h_min ≥ (1 − x) h and
 V ≤ −ln(1 − x); x = 2/5 allows the largest v, LEAST_SHARE (1 − r) h²/L. No bounce is higher than v²/(2 (1 − x)² h).
-Then the teeth stay together until the force turns away, at a zero of g that is known beforehand: `is_captured` decides
-this without following the impacts, and where the chatter ends does not matter to what comes after.
+Then the teeth stay together until the force turns away, at a zero of g that is known beforehand: `is_chatter_captured`
+decides this without following the impacts, and where the chatter ends does not matter to what comes after.
 
 Elastic impacts never end. With r = 1 quiet motion is certain by the adiabatic law of `rattle.impacting.map.quiet`, in
 which the fastest harmonic takes the place of the first one (`quiet_invariant`).
@@ -36,7 +36,7 @@ def capture_of(delta, restitution, harmonics):
 
 
 @inline
-def is_captured(wall, v, force, point):
+def is_chatter_captured(wall, v, force, point):
     """Return whether an impact, left with speed v under the contact force g, is certain to lead to contact."""
     pressing = wall * force
     if not pressing > 0.0:

@@ -35,7 +35,7 @@ class InelasticFlight(NamedTuple):
 
 
 @inline
-def leaving(tau, w, delta, drift, harmonics, departure):
+def leaving_forced(tau, w, delta, drift, harmonics, departure):
     """Return the flight that leaves at this phase with this velocity, and fill the departure's array."""
     slope, bend = 0.0, 0.0
     for j in range(harmonics.shape[1]):
@@ -48,7 +48,7 @@ def leaving(tau, w, delta, drift, harmonics, departure):
 
 
 @inline
-def evaluate(s, flight, harmonics, departure):
+def evaluate_forced(s, flight, harmonics, departure):
     """Return F, F' and F'' after s, and 1 − e^(−δs)."""
     w, a, _bend, _force, delta = flight
     x = delta * s
@@ -71,7 +71,7 @@ def evaluate(s, flight, harmonics, departure):
 
 
 @kernel
-def root_in(low, high, guess, level, rising, third, flight, harmonics, departure):
+def forced_root(low, high, guess, level, rising, third, flight, harmonics, departure):
     """Return the crossing F = level in (low, high), where there is one only: Halley steps in a shrinking bracket.
 
     A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|; the last leaves rounding.
@@ -85,7 +85,7 @@ def root_in(low, high, guess, level, rising, third, flight, harmonics, departure
     if not (low < s < high):
         s = 0.5 * (low + high)
     for k in range(1, MOST_STEPS + 1):
-        f0, f1, f2, _lost = evaluate(s, flight, harmonics, departure)
+        f0, f1, f2, _lost = evaluate_forced(s, flight, harmonics, departure)
         f0 -= level
         if (f0 > 0.0) == rising:
             high = s
@@ -107,13 +107,13 @@ def root_in(low, high, guess, level, rising, third, flight, harmonics, departure
 
 
 @kernel
-def extremum_in(low, high, guess, convex, third, flight, harmonics, departure):
+def forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
     """Return the zero of F' in (low, high), where e^(δs) F' is monotone, so close that F there is exact to rounding."""
     s = guess
     if not (low < s < high):
         s = 0.5 * (low + high)
     for k in range(1, MOST_STEPS + 1):
-        _f0, f1, f2, _lost = evaluate(s, flight, harmonics, departure)
+        _f0, f1, f2, _lost = evaluate_forced(s, flight, harmonics, departure)
         if (f1 > 0.0) == convex:
             high = s
         else:
@@ -174,19 +174,19 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
                 reached = low
             else:
                 turn = s0 + (s1 - s0) * slope0 / (slope0 - slope1)
-                end = extremum_in(s0, s1, turn, sign > 0, third, flight, harmonics, departure)
-                reached = sign * evaluate(end, flight, harmonics, departure)[0]
+                end = forced_extremum(s0, s1, turn, sign > 0, third, flight, harmonics, departure)
+                reached = sign * evaluate_forced(end, flight, harmonics, departure)[0]
                 begin = end
         if reached < low:
             first = s0 + (low - g0) / (reached - g0) * (end - s0)
-            return -sign, root_in(s0, end, first, sign * low, sign < 0, third, flight, harmonics, departure)
+            return -sign, forced_root(s0, end, first, sign * low, sign < 0, third, flight, harmonics, departure)
     if slope1 > 0.0 and g1 > high:
-        return sign, root_in(begin, s1, guess, sign * high, sign > 0, third, flight, harmonics, departure)
+        return sign, forced_root(begin, s1, guess, sign * high, sign > 0, third, flight, harmonics, departure)
     return 0, s1
 
 
 @kernel
-def first_impact(wall, tau, flight, piece, point, departure):
+def first_forced_impact(wall, tau, flight, piece, point, departure):
     """Return the first impact of a flight from a wall, at a phase in the piece of this number.
 
     Returns
@@ -214,14 +214,14 @@ def first_impact(wall, tau, flight, piece, point, departure):
         ends = not s + length < zero
         e = zero if ends else s + length
         if e > s:
-            e0, e1, _f2, _lost = evaluate(e, flight, harmonics, departure)
+            e0, e1, _f2, _lost = evaluate_forced(e, flight, harmonics, departure)
             if not abs(e0) < math.inf:
                 break
             target, t = crossing_on_piece(
                 sign, s, f0, f1, e, e0, e1, guess, lower, upper, third, flight, harmonics, departure
             )
             if target != 0:
-                _f0, w1, bend, lost = evaluate(t, flight, harmonics, departure)
+                _f0, w1, bend, lost = evaluate_forced(t, flight, harmonics, departure)
                 return OK, t, target, target * max(target * w1, 0.0), bend, lost
             s, f0, f1 = e, e0, e1
         if ends:
@@ -234,7 +234,7 @@ def first_impact(wall, tau, flight, piece, point, departure):
 
 
 @inline
-def tangent(w1, bend1, lost, restitution, flight):
+def forced_tangent(w1, bend1, lost, restitution, flight):
     """Return ∂(t₁, w₁ after the impact)/∂(t₀, w₀) of a flight and the impact at its end, row by row."""
     decay = 1.0 - lost
     change = w1 - flight.w - flight.a * lost  # e'(t₁) − e'(t₀)

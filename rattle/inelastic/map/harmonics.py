@@ -56,7 +56,7 @@ def bounds_of(delta, harmonics):
 
 
 @kernel
-def zero_between(low, high, falling, delta, drift, harmonics):
+def force_zero_between(low, high, falling, delta, drift, harmonics):
     """Return the zero of g in (low, high), where g is monotone and changes its sign: Newton steps inside a bracket."""
     t = 0.5 * (low + high)
     for _ in range(100):
@@ -110,7 +110,7 @@ def isolated_zeros(delta, drift, harmonics, zeros):
         if after != before:
             at = middle
             if abs(rate) > half * bend:
-                at = zero_between(left, right, before, delta, drift, harmonics)
+                at = force_zero_between(left, right, before, delta, drift, harmonics)
             zeros[found] = at
             found += 1
             before = after
@@ -122,7 +122,7 @@ def most_zeros(harmonics: NDArray[np.float64]) -> int:
     return 2 * int(harmonics[ORDER].max())
 
 
-def shape_of(harmonics: Any) -> NDArray[np.float64]:
+def forcing_shape(harmonics: Any) -> NDArray[np.float64]:
     """Return the array (3, K) of a forcing with ε = 1: the first harmonic, cos 2πt, and what is given beside it.
 
     Parameters

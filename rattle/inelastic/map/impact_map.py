@@ -1,6 +1,6 @@
 """The impact map Π on Σ⁺ of the inelastic gear, with its tangent map (compiled).
 
-A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_captured`), the chatter
+A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_chatter_captured`), the chatter
 that follows, the contact phase and its release belong to the step, and count as this one impact: the motion then leaves
 at the release with speed 0. Π is constant where states are captured before the same release, and its tangent map 0. On
 Σ⁻ a run of impacts that ends in contact counts as one.
@@ -14,8 +14,8 @@ import numpy as np
 from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.inelastic.map.contact import is_captured
-from rattle.inelastic.map.flight import first_impact, leaving, tangent
+from rattle.inelastic.map.contact import is_chatter_captured
+from rattle.inelastic.map.flight import first_forced_impact, forced_tangent, leaving_forced
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits import return_map
 
@@ -70,15 +70,15 @@ def leave(wall, tau, w, piece, point, departure):
         Phase of departure, the number of its piece, and the flight.
     """
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
-    flight = leaving(tau, w, delta, point.drift, harmonics, departure)
-    if not is_captured(wall, abs(w), flight.force, point):
+    flight = leaving_forced(tau, w, delta, point.drift, harmonics, departure)
+    if not is_chatter_captured(wall, abs(w), flight.force, point):
         return False, 0.0, tau, piece, flight
     if zeros.size == 0:
         return True, math.inf, tau, piece, flight
     number = piece if piece < zeros.size else 0
     release = zeros[number]
     wait = release - tau if piece < zeros.size else release + 1.0 - tau
-    flight = leaving(release, 0.0, delta, point.drift, harmonics, departure)
+    flight = leaving_forced(release, 0.0, delta, point.drift, harmonics, departure)
     return True, wait, release, number + 1, flight
 
 
@@ -111,10 +111,10 @@ def step_tangent(tau, v, point):
                 on_minus += 1
                 n_minus -= run - 1
                 run = 0
-        status, s, wall, w1, bend1, lost = first_impact(wall, tau, flight, piece, point, departure)
+        status, s, wall, w1, bend1, lost = first_forced_impact(wall, tau, flight, piece, point, departure)
         if status != OK:
             return status, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
-        k00, k01, k10, k11 = tangent(w1, bend1, lost, point.restitution, flight)
+        k00, k01, k10, k11 = forced_tangent(w1, bend1, lost, point.restitution, flight)
         if log_det > -math.inf:  # else the tangent stays 0, at a graze too
             j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
             j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
@@ -153,7 +153,7 @@ def step(tau, v, point):
                 on_minus += 1
                 n_minus -= run - 1
                 run = 0
-        status, s, wall, w1, _bend, _lost = first_impact(wall, tau, flight, piece, point, departure)
+        status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
         if status != OK:
             return status, tau, abs(w), time, n_minus, on_plus, on_minus
         time += s

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import ParameterError, require
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
-from rattle.inelastic.given import Harmonics, checked_harmonics, points_of
-from rattle.inelastic.map.cells import InelasticCells, cells_at, point_at
+from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
+from rattle.inelastic.map.cells import InelasticCells, inelastic_cells, point_at
 from rattle.inelastic.map.impact_map import step, step_tangent
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, fold
@@ -20,7 +20,7 @@ from rattle.parameters import Parameters
 
 
 @kernel
-def returned(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
+def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
     """Π^n of flat arrays in place; quiet: 1 where contact never ends after n_plus < n returns, which keeps its state.
 
     n_plus and n_minus count impacts on each wall, a chatter that completes as in `impact_map`; contacts its phases.
@@ -40,7 +40,7 @@ def returned(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
 
 
 @kernel
-def stretched(tau, v, n, cell, cells, n_plus, n_minus, growth):
+def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
     """Follow states with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = point_at(cell[i], cells)
@@ -77,7 +77,7 @@ def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tup
     require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
     flat = at.flat()
     added = flat.added["restitution"], flat.added["load"]
-    cells: InelasticCells = cells_at(flat.delta, flat.epsilon, flat.beta, *added, at.harmonics)
+    cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, at.harmonics)
     arrays = (fold(phases), speeds, steps.astype(np.int64), cell)
     return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
 
@@ -121,10 +121,12 @@ def iterate(
     ParameterError
         A number is outside its domain.
     """
-    at = points_of(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
     n_plus, n_minus, contacts = _counts(tau_.size, 3)
-    returned(tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size))
+    returned_states(
+        tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
+    )
     return Iterates(tau_.reshape(shape), v_.reshape(shape), n_plus.reshape(shape), n_minus.reshape(shape))
 
 
@@ -149,9 +151,9 @@ def iterate_tangent(
     Stretched
         States, impacts on both walls, and exponents.
     """
-    at = points_of(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
     n_plus, n_minus = _counts(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
-    stretched(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
+    stretched_states(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
     return Stretched.of((tau_, v_, n_plus, n_minus), growth, shape)

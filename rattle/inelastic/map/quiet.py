@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from rattle.flight.forcing import TWO_PI
-from rattle.inelastic.map.harmonics import ORDER, PHASE, bounds_of, shape_of
+from rattle.inelastic.map.harmonics import ORDER, PHASE, bounds_of, forcing_shape
 
 PHASES = 64  # of the fastest harmonic, at which the force is looked at first
 
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
     """Return the smallest ε at which the contact force g reaches 0 (`least_force`)."""
-    return least_force(delta, drift, shape_of(harmonics))[1]
+    return least_force(delta, drift, forcing_shape(harmonics))[1]
 
 
 def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import evaluate, first_impact, leaving
+from rattle.inelastic.map.flight import evaluate_forced, first_forced_impact, leaving_forced
 from rattle.inelastic.map.impact_map import InelasticPoint, leave, piece_of
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
@@ -44,7 +44,7 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
     while i < time.size:
         contact, wait, release, number, flight = leave(wall, phase, w, piece, point, departure)
         if contact:
-            flight = leaving(phase, w, point.delta, point.drift, point.harmonics, departure)
+            flight = leaving_forced(phase, w, point.delta, point.drift, point.harmonics, departure)
             left = chatter_time(wall, abs(w), flight.force, point)
             if left < SHORT or (point.restitution == 1.0):
                 if wait == math.inf:
@@ -55,12 +55,12 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
                 if wait == math.inf or i == time.size:
                     return OK, impacts, rest
                 now, phase, piece, w = now + wait, release, number, 0.0
-                flight = leaving(phase, w, point.delta, point.drift, point.harmonics, departure)
-        status, s, target, w1, _bend, _lost = first_impact(wall, phase, flight, piece, point, departure)
+                flight = leaving_forced(phase, w, point.delta, point.drift, point.harmonics, departure)
+        status, s, target, w1, _bend, _lost = first_forced_impact(wall, phase, flight, piece, point, departure)
         if status != OK:
             return status, impacts, math.inf
         while i < time.size and time[i] < now + s:
-            f0, f1, _f2, _lost = evaluate(time[i] - now, flight, point.harmonics, departure)
+            f0, f1, _f2, _lost = evaluate_forced(time[i] - now, flight, point.harmonics, departure)
             phi[i], velocity[i] = wall * point.beta + f0, f1
             i += 1
         if i == time.size:

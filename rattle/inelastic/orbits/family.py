@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import InelasticFlight, tangent
+from rattle.inelastic.map.flight import InelasticFlight, forced_tangent
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 
@@ -46,7 +46,7 @@ def excess_drift(x, lost):
 
 
 @kernel
-def closure(sigma, delta, beta, r):
+def family_closure(sigma, delta, beta, r):
     """Numerators of X, Y, of the speed after Σ⁺ and of that of arrival at Σ⁻, and their common denominator."""
     omc, siny, _defect = versines(sigma)
     xs, xr = delta * (0.5 + sigma), delta * (0.5 - sigma)
@@ -72,22 +72,22 @@ def closure(sigma, delta, beta, r):
 
 
 @kernel
-def amplitude(sigma, delta, beta, r):
+def family_amplitude(sigma, delta, beta, r):
     """Return ε(σ) on the family: infinite at its pole."""
-    x, y, _v, _u, determinant = closure(sigma, delta, beta, r)
+    x, y, _v, _u, determinant = family_closure(sigma, delta, beta, r)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def root_of_amplitude(level, lo, hi, delta, beta, r):
     """Return σ in (lo, hi) at which ε(σ) is this level, by secant steps in a shrinking bracket."""
-    f_lo, f_hi = amplitude(lo, delta, beta, r) - level, amplitude(hi, delta, beta, r) - level
+    f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):
         sigma = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not (min(lo, hi) < sigma < max(lo, hi)):
             sigma = 0.5 * (lo + hi)
-        f = amplitude(sigma, delta, beta, r) - level
+        f = family_amplitude(sigma, delta, beta, r) - level
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
@@ -96,25 +96,25 @@ def root_of_amplitude(level, lo, hi, delta, beta, r):
 
 
 @kernel
-def turning_point(lo, hi, sign, delta, beta, r):
+def family_turning_point(lo, hi, sign, delta, beta, r):
     """Minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
-    f1, f2 = sign * amplitude(x1, delta, beta, r), sign * amplitude(x2, delta, beta, r)
+    f1, f2 = sign * family_amplitude(x1, delta, beta, r), sign * family_amplitude(x2, delta, beta, r)
     while hi - lo > 1e-9 * abs(0.5 * (lo + hi)):
         if f1 < f2:
             hi, x2, f2 = x2, x1, f1
             x1 = hi - ratio * (hi - lo)
-            f1 = sign * amplitude(x1, delta, beta, r)
+            f1 = sign * family_amplitude(x1, delta, beta, r)
         else:
             lo, x1, f1 = x1, x2, f2
             x2 = lo + ratio * (hi - lo)
-            f2 = sign * amplitude(x2, delta, beta, r)
+            f2 = sign * family_amplitude(x2, delta, beta, r)
     return 0.5 * (lo + hi)
 
 
 @kernel
-def fill_nodes(delta, beta, r, sigma, e):
+def fill_family_nodes(delta, beta, r, sigma, e):
     """Fill rising σ and ε(σ), between which ε is monotone, into two arrays of MOST_NODES; how many there are."""
     n = NODES_PER_SIDE
     for i in range(n):
@@ -122,14 +122,14 @@ def fill_nodes(delta, beta, r, sigma, e):
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
     for i in range(size):
-        e[i] = amplitude(sigma[i], delta, beta, r)
+        e[i] = family_amplitude(sigma[i], delta, beta, r)
     for i in range(1, 2 * n - 1):
         below = e[i] < e[i - 1] and e[i] < e[i + 1]
         above = e[i] > e[i - 1] and e[i] > e[i + 1]
         pole = i == n - 1 or i == n
         if (below or above) and not pole and size < sigma.size:
-            sigma[size] = turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta, r)
-            e[size] = amplitude(sigma[size], delta, beta, r)
+            sigma[size] = family_turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta, r)
+            e[size] = family_amplitude(sigma[size], delta, beta, r)
             size += 1
     for i in range(2 * n, size):  # a few turning points among nodes in order: insertion
         new, new_e, j = sigma[i], e[i], i
@@ -141,7 +141,7 @@ def fill_nodes(delta, beta, r, sigma, e):
 
 
 @kernel
-def one_impact(cosine, delta, epsilon, beta, r):
+def family_one_impact(cosine, delta, epsilon, beta, r):
     """Return A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
@@ -163,9 +163,9 @@ def bent(w, x, y, delta):
 
 
 @kernel
-def two_impacts(sigma, delta, epsilon, beta, r):
+def family_two_impacts(sigma, delta, epsilon, beta, r):
     """Return the P(1,1,1) of this member of the family: (admissible, τ, v, trace)."""
-    x, y, v, u, determinant = closure(sigma, delta, beta, r)
+    x, y, v, u, determinant = family_closure(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, rest = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
@@ -183,13 +183,13 @@ def two_impacts(sigma, delta, epsilon, beta, r):
     down, up = bent(-v, x, y, delta), bent(r * u, x1, y1, delta)
     ends = bent(-u, x1, y1, delta), bent(v / r, x, y, delta)  # of which the force bends the arrivals
     bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
-    a00, a01, a10, a11 = tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
-    b00, b01, b10, b11 = tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
+    a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
+    b00, b01, b10, b11 = forced_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11
 
 
 @kernel
-def keep(orbit, found, exists, phase, speed, traces, i):
+def keep_orbit(orbit, found, exists, phase, speed, traces, i):
     """Keep the first admissible orbit of a kind: with σ from 1/2 down, the branch that SN2 creates comes first."""
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
@@ -198,26 +198,26 @@ def keep(orbit, found, exists, phase, speed, traces, i):
 
 
 @kernel
-def fill_period_one(order, delta, epsilon, beta, r, exists, phase, speed, traces):
+def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
     """Fill the period-one orbits (4, n) of flat parameter arrays, False and NaN before, visited in this order."""
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     for i in order:
         d, eps, b, rest = delta[i], epsilon[i], beta[i], r[i]
-        keep(A, one_impact(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
-        keep(C, one_impact(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        keep_orbit(A, family_one_impact(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        keep_orbit(C, family_one_impact(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last] or rest != r[last]:
-            n = fill_nodes(d, b, rest, sigma, e)
+            n = fill_family_nodes(d, b, rest, sigma, e)
         last = i
         for j in range(n - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = root_of_amplitude(eps, sigma[j], sigma[j + 1], d, b, rest)
                 which = D if e[j + 1] > e[j] else B
-                keep(which, two_impacts(root, d, eps, b, rest), exists, phase, speed, traces, i)
+                keep_orbit(which, family_two_impacts(root, d, eps, b, rest), exists, phase, speed, traces, i)
 
 
-def nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:
+def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:
     """Return rising σ and ε(σ), between which ε is monotone but for its pole at σ = 0."""
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
-    n = fill_nodes(delta, beta, r, sigma, e)
+    n = fill_family_nodes(delta, beta, r, sigma, e)
     return sigma[:n], e[:n]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import parameters
-from rattle.inelastic.orbits.family import fill_period_one
+from rattle.inelastic.orbits.family import fill_family_orbits
 from rattle.orbits.period_one import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
 
 
@@ -47,7 +47,7 @@ def period_one(
     )
     exists = np.zeros((len(NAMES), d.size), np.bool_)
     tau, v, trace = np.full((3, *exists.shape), np.nan)
-    fill_period_one(np.lexsort((d, b, r)), d, e, b, r, exists, tau, v, trace)
+    fill_family_orbits(np.lexsort((d, b, r)), d, e, b, r, exists, tau, v, trace)
     multipliers = np.full((len(NAMES), 2, d.size), complex(np.nan, np.nan))
     stable = np.zeros(exists.shape, np.bool_)
     for i, n_minus in enumerate(N_MINUS):

@@ -38,7 +38,7 @@ class InelasticOrbit(NamedTuple):
         return abs(self.multipliers[0]) < 1.0
 
 
-def periodic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
+def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
     """Return the periodic motion near a state (τ, v) that repeats itself after n_plus impacts on Σ⁺.
 
     A state of a motion with contact phases is enough, whatever n_plus.

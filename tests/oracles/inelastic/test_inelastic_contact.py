@@ -9,7 +9,7 @@ from inelastic_march import CONTACT, IMPACT, RELEASE, march
 
 import rattle
 from rattle.inelastic import InelasticGear
-from rattle.inelastic.map.contact import is_captured
+from rattle.inelastic.map.contact import is_chatter_captured
 from rattle.inelastic.map.harmonics import force_at
 
 BUMPS = [(3, 0.12, 0.3), (8, 0.03, 0.6)]
@@ -58,8 +58,8 @@ def test_captured_means_that_the_chatter_completes() -> None:
         if force <= 0.0:
             continue
         fastest = min(point.capture * force * force, math.sqrt(1.44 * gear.beta * force))
-        assert is_captured(1, fastest * (1 - 1e-9), force, point)
-        assert point.quiet_invariant > 0.0 or not is_captured(1, fastest * (1 + 1e-9), force, point)
+        assert is_chatter_captured(1, fastest * (1 - 1e-9), force, point)
+        assert point.quiet_invariant > 0.0 or not is_chatter_captured(1, fastest * (1 + 1e-9), force, point)
         events = marched(gear, tau, fastest * (1 - 1e-9), 2.0)
         first = int(np.argmax(events[:, 1] != IMPACT))
         assert events[first, 1] == CONTACT
