@@ -110,7 +110,7 @@ def sampled_motion(
     sampled: Callable[..., tuple[int, int, float]],
     tau: float,
     v: float,
-    parameters: Sequence[Any],
+    parameters: Sequence[float],
     periods: float,
     points: int,
 ) -> Trajectory:

@@ -15,7 +15,7 @@ from rattle import Diagram
 from rattle.attractors import attractors_of_cell, classified, sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrapped
-from rattle.models import AnyGear, Capability, model_at, require_capability
+from rattle.models import AnyGear, Capability, model_at
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
 MOST_POINTS = 8000  # of it that are drawn
@@ -179,7 +179,6 @@ def margin(gear: Any) -> Margin:
 
 def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
     """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
-    require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
@@ -217,7 +216,6 @@ def diagram(
     from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
     from rattle.plot import legend_name as name_of_type
 
-    require_capability(Capability.DIAGRAMS, model_at(gear))
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
     ends = diagrams.diagram_ends(gear, direction, either_way, to)
     found: Diagram[Any, Any] = model_at(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
@@ -285,13 +283,8 @@ def warm_up(gear: AnyGear) -> None:
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
     motion_from(gear, 0.3, 4.0, 1.0, 2)
+    lines(gear, arclength=1.0)
     rattling.warm_up_sounds(gear)
-    has = model_at(gear).has
-    if Capability.MANIFOLDS in has:
-        lines(gear, arclength=1.0)
-    if Capability.MARGIN in has:
+    if Capability.MARGIN in model_at(gear).has:
         margin(gear)
-    if Capability.DIAGRAMS in has:
-        diagram(
-            gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta)
-        )
+    diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))

@@ -1,1 +1,0 @@
-"""The classifier of the inelastic gear."""

@@ -1,1 +1,0 @@
-"""Forcing of several harmonics, flights, impacts with restitution, contact phases, trajectories."""

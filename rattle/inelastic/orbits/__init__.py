@@ -1,1 +1,0 @@
-"""Periodic motions of the inelastic gear: A and C in closed form, any other from its return map."""
