@@ -32,7 +32,7 @@ endif
 # What pytest makes of the tests' assertions is kept beside them: to make it takes each of its processes 3 s.
 KEPT := PYTHONDONTWRITEBYTECODE=
 
-.PHONY: survey figures map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels lint bench \
+.PHONY: survey figures restitution map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels inelastic-kernels lint bench \
 	constraints docs docs-links readers readers-table clean
 
 survey: $(SURVEY)
@@ -40,6 +40,11 @@ survey: $(SURVEY)
 
 figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
+
+# The pictures and numbers of docs/restitution.md: a quarter of an hour of one core.
+restitution: $(INSTALLED)
+	mkdir -p figures
+	$(BIN)/python docs/draw_restitution.py figures
 
 test: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(KEPT) $(BIN)/python -m pytest -n auto --no-loadscope-reorder
@@ -66,10 +71,10 @@ test-install: $(INSTALLED)
 bytecode: $(INSTALLED)
 	$(BIN)/python -m compileall -q rattle workers service gear_rattle
 
-# Compiled once and before, so that the tests find them: either model's beside the other's.
-kernels: impacting-kernels stiff-kernels
+# Compiled once and before, so that the tests find them: each model's beside the others'.
+kernels: impacting-kernels stiff-kernels inelastic-kernels
 
-impacting-kernels stiff-kernels: %-kernels: $(INSTALLED)
+impacting-kernels stiff-kernels inelastic-kernels: %-kernels: $(INSTALLED)
 	$(BIN)/python -c 'from gear_rattle.service.kernels import compile_kernels; compile_kernels("$*")'
 
 lint: $(INSTALLED)

@@ -38,7 +38,7 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.visit import Impacts
-from rattle.machine import Machine
+from rattle.machine import Machine, MachineVerdict, TransmissionError, read_transmission_error, transmission_error
 from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.states import sampled_states
@@ -117,6 +117,7 @@ __all__ = [
     "Lines",
     "LogNormal",
     "Machine",
+    "MachineVerdict",
     "Measured",
     "MissingExtraError",
     "Normal",
@@ -132,6 +133,7 @@ __all__ = [
     "Stretched",
     "Tipping",
     "Trajectory",
+    "TransmissionError",
     "Triangular",
     "Uncertainty",
     "Uniform",
@@ -168,6 +170,7 @@ __all__ = [
     "precompile",
     "quiet_limit",
     "read_gears",
+    "read_transmission_error",
     "regions",
     "robust_chaos_interval",
     "sampled_states",
@@ -176,6 +179,7 @@ __all__ = [
     "source_hash",
     "tipping",
     "toolchain",
+    "transmission_error",
     "wilson_interval",
 ]
 

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 LONGEST_NAME = 80  # characters: no name is longer, and comparing takes the square of it
 LEAST_PART = 3  # characters of a name that suggest it
 MOST_MEANT = 3  # names that one may have meant
+MAY_BE_ZERO = ("epsilon", "load")  # all other parameters are greater than 0
+AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
 
 class RattleError(Exception):
@@ -141,7 +143,18 @@ def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
 
 
 def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike) -> list[NDArray[np.float64]]:
-    """Broadcast and validate δ > 0, ε ≥ 0, β > 0, and others > 0; raises ParameterError."""
+    """Broadcast and validate parameters: all positive, but for `MAY_BE_ZERO`, and no larger than `AT_MOST` says.
+
+    Returns
+    -------
+    list of ndarray
+        One array for each parameter, in the order given, of one shape.
+
+    Raises
+    ------
+    ParameterError
+        A value is outside its domain, or shapes do not broadcast.
+    """
     named = {"delta": delta, "epsilon": epsilon, "beta": beta, **others}
     try:
         arrays = np.broadcast_arrays(*(real_array(name, value) for name, value in named.items()))
@@ -151,7 +164,11 @@ def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: 
         raise ParameterError(f"{', '.join(named)} must broadcast: {error}") from None
     for name, array in zip(named, arrays, strict=True):
         require(bool(np.isfinite(array).all()), f"{name} must be finite")
-        least = name == "epsilon"
+        least = name in MAY_BE_ZERO
         inside = array >= 0 if least else array > 0
         require(bool(inside.all()), f"{name} must be {'at least' if least else 'greater than'} 0")
+        if name in AT_MOST:
+            most, why = AT_MOST[name]
+            largest = float(array.max(initial=0.0))
+            require(largest <= most, f"{name} must be at most {most:g}, got {largest:g}: {why}")
     return list(arrays)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import parameters
 
 Array = NDArray[np.float64]
+Harmonic = tuple[int, float, float]  # order, amplitude over that of the first harmonic, phase in turns
+MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,14 @@ class Parameter:
         The power of it that changes evenly along a path of parameters.
     path_label : str
         The name of that power in words, for an axis.
+    may_be_zero : bool
+        Whether 0 is allowed too.
     machine_number : str, optional
         The number of a `rattle.Machine` that makes it.
     machine_text, machine_absent : str
         What that number is, and what it means that there is none, for options and forms.
     of_machine : callable, optional
-        From that number, inertia, radius, speed (rad/s) and the scale of the drive to its value.
+        From that number and the `rattle.machine.conversion.Reduced` gears to its value.
     """
 
     name: str
@@ -65,10 +69,11 @@ class Parameter:
     is_axis: bool = True
     path_power: float = 1.0
     path_label: str = ""
+    may_be_zero: bool = False
     machine_number: str | None = None
     machine_text: str = ""
     machine_absent: str = ""
-    of_machine: Callable[[Any, Any, Any, Any, float], Any] | None = None
+    of_machine: Callable[[Any, Any], Any] | None = None
 
     @property
     def long_name(self) -> str:
@@ -123,6 +128,8 @@ class Parameters:
         Damping, eccentricity and half-backlash.
     added : mapping of str to ndarray
         What the model has besides, by name, in the order of its declaration.
+    harmonics : tuple of Harmonic
+        The shape of the forcing beside its first harmonic, the same at all points.
     """
 
     model: str
@@ -130,10 +137,11 @@ class Parameters:
     epsilon: Array
     beta: Array
     added: Mapping[str, Array] = field(default_factory=dict)
+    harmonics: tuple[Harmonic, ...] = ()
 
     @classmethod
     def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
-        """Broadcast values to one shape. Raises ParameterError unless δ > 0, ε ≥ 0 and all others > 0."""
+        """Broadcast values to one shape. Raises ParameterError where one is outside its domain."""
         # copies, for kernels: what is broadcast cannot be written to
         d, e, b, *others = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **added))
         return cls(model, d, e, b, dict(zip(added, others, strict=True)))
@@ -176,7 +184,11 @@ class Parameters:
             return other
         mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
         delta, epsilon, beta = (mixed.pop(name) for name in ("delta", "epsilon", "beta"))
-        return Parameters(self.model, delta, epsilon, beta, mixed)
+        return Parameters(self.model, delta, epsilon, beta, mixed, self.harmonics)
+
+    def with_harmonics(self, harmonics: tuple[Harmonic, ...]) -> Parameters:
+        """Return the same points with this shape of the forcing."""
+        return replace(self, harmonics=harmonics)
 
     def point(self, number: int = 0) -> dict[str, float]:
         """Return the values of one of many points by name."""
@@ -184,4 +196,6 @@ class Parameters:
 
     def _each(self, change: Any) -> Parameters:
         added = {name: change(x) for name, x in self.added.items()}
-        return Parameters(self.model, change(self.delta), change(self.epsilon), change(self.beta), added)
+        return Parameters(
+            self.model, change(self.delta), change(self.epsilon), change(self.beta), added, self.harmonics
+        )

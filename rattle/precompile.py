@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattle.attractors.chaos import group_numbers, pooled
 from rattle.attractors.classify import nothing_seen
@@ -21,7 +22,7 @@ COUNT = 16  # samples of a cell
 Steps = dict[str, Callable[[], object]]
 
 
-def precompile(*, load: bool = False, **added: float | None) -> None:
+def precompile(*, preload: bool = False, optional: bool = False, **added: float | None) -> None:
     """Compile the kernels of surveys, unless that was done before.
 
     They are compiled in a process of their own, once on a machine for all processes, in up to a minute. Those that no
@@ -29,7 +30,9 @@ def precompile(*, load: bool = False, **added: float | None) -> None:
 
     Parameters
     ----------
-    load : bool
+    optional : bool
+        Whether to compile those of families and intensities too, which only some surveys ask for.
+    preload : bool
         Whether to load those that follow samples too, so that the first tile need not.
     **added : float, optional
         What a model adds, such as the stiffness of the stiff gear, for its kernels; by default those of the impacting
@@ -42,7 +45,9 @@ def precompile(*, load: bool = False, **added: float | None) -> None:
     """
     model = model_adding(name for name, value in added.items() if value is not None).name
     compile_apart(__name__, "survey", model)
-    if load:
+    if optional:
+        compile_apart(__name__, "by_request", model)
+    if preload:
         survey(model)["attractors"]()
 
 
@@ -52,11 +57,8 @@ def example_of(name: str) -> Model:
 
 
 def survey(name: str) -> Steps:
-    """Return what needs the kernels of a survey of this model."""
-    model = example_of(name)
-    epsilon = np.array(model.compiled_at)
-    delta = np.full(epsilon.size, DELTA)
-    few = SampleSpec(COUNT)
+    """Return what needs the kernels that every survey of this model needs."""
+    model, delta, epsilon, few = _cells(name)
 
     def orbits() -> None:
         model.period_one(delta, epsilon)
@@ -80,20 +82,27 @@ def survey(name: str) -> Steps:
         of.watch(none, nothing, nothing, seen)
         pooled([seen.sums])
 
-    def intensities() -> None:
-        model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, few))
+    first: Steps = {"orbits": orbits} if Capability.PERIOD_ONE in model.has else {}
+    return first | {"attractors": attractors, "rare cases": rare}
+
+
+def by_request(name: str) -> Steps:
+    """Return what needs the kernels of quantities that a survey of this model has only by request."""
+    model, delta, epsilon, few = _cells(name)
 
     def families() -> None:
         table = model.attractors_of(delta[:1], epsilon[:, None], few)
         joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
-    steps: dict[Capability | None, Steps] = {
-        Capability.PERIOD_ONE: {"orbits": orbits},
-        None: {"attractors": attractors, "rare cases": rare, "families": families},
-        Capability.INTENSITY: {"intensities": intensities},
-    }
-    found: Steps = {}
-    for needed, some in steps.items():
-        if needed is None or needed in model.has:
-            found |= some
-    return found
+    def intensities() -> None:
+        model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, few))
+
+    more: Steps = {"intensities": intensities} if Capability.INTENSITY in model.has else {}
+    return {"families": families, **more}
+
+
+def _cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
+    """Return a model, δ and ε of a few cells, and their sample."""
+    model = example_of(name)
+    epsilon = np.array(model.compiled_at)
+    return model, np.full(epsilon.size, DELTA), epsilon, SampleSpec(COUNT)

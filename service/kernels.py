@@ -22,8 +22,12 @@ from rattle.numerics import compile_apart, note_of
 log = logging.getLogger(__name__)
 
 
-#: What compiles a survey's kernels, which workers wait for, and what compiles all others: a module and its function.
-WORKS = (("rattle.precompile", "survey"), ("gear_rattle.service.compilation", "answers"))
+#: What compiles kernels, a module and its function: first those of every survey, which workers wait for.
+WORKS = (
+    ("rattle.precompile", "survey"),
+    ("rattle.precompile", "by_request"),
+    ("gear_rattle.service.compilation", "answers"),
+)
 
 
 def compile_kernels(model: str) -> None:

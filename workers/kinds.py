@@ -20,7 +20,7 @@ from gear_rattle.workers.survey import tiles as survey_tiles
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
 from gear_rattle.workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
-from gear_rattle.workers.survey.values.schema import SAMPLED
+from gear_rattle.workers.survey.values.schema import OPTIONAL, SAMPLED
 
 AnyRequest = SurveyRequest | PopulationRequest
 AnyTile = Tile | GearTile
@@ -41,7 +41,8 @@ def tiles_of(request: AnyRequest) -> list[Any]:
 def compile_for(request: AnyRequest) -> None:
     """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
-        rattle.precompile(load=False, **request.added_numbers)
+        by_request = bool(OPTIONAL.intersection(request.quantities))
+        rattle.precompile(preload=False, optional=by_request, **request.added_numbers)
 
 
 def compute_tile(

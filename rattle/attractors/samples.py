@@ -102,7 +102,11 @@ class Sets(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Orbits(StructOfArrays):
-    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m."""
+    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m.
+
+    contacts: contact phases in a period. merged: by how much n_plus exceeds that of the label, which counts a run of
+    impacts that ends in contact once. Both are 0 where impacts are elastic.
+    """
 
     n: Any
     m: Any
@@ -112,6 +116,8 @@ class Orbits(StructOfArrays):
     v: Any
     first: Any
     second: Any
+    contacts: Any
+    merged: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +146,7 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = Orbits(
         n=np.zeros(n_cells, np.int64),
-        **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus")},
+        **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus", "contacts", "merged")},
         **{name: np.zeros(shape) for name in ("tau", "v", "first", "second")},
     )
     return orbits, Balls(
@@ -179,3 +185,41 @@ def mark(tau, v, top, footprint):
     row = min(int(tau * GRID), GRID - 1)
     column = min(int(v / top * GRID), GRID - 1)
     footprint[row] |= np.uint64(1) << np.uint64(column)
+
+
+class Reference(NamedTuple):
+    """A state that a trajectory may come back to (Brent's cycle search), its number, and that of the next one."""
+
+    tau: float
+    v: float
+    n: int
+    following: int
+
+
+@inline
+def begun(tau, v):
+    """Return the first reference of a trajectory."""
+    return Reference(tau, v, 0, 1)
+
+
+@inline
+def looked(tau, v, n, k, reference, samples, balls, unit):
+    """Return the outcome of sample k after n returns: (status, orbit, reference)."""
+    orbit = capturing_orbit(tau, v, samples.cell[k], balls)
+    if orbit >= 0:
+        return Outcome.PERIODIC, orbit, reference
+    near = abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE
+    if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
+        samples.gap[k] = n - reference.n
+        return Outcome.RECURRENT, -1, reference
+    if n >= reference.following:
+        return Outcome.UNRESOLVED, -1, Reference(tau, v, n, 2 * reference.following)
+    return Outcome.UNRESOLVED, -1, reference
+
+
+@inline
+def finish(tau, v, n, total, k, status, orbit, samples):
+    """Write the end of a stretch of n returns in a total time to sample k."""
+    samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
+    samples.impacts[k] += n
+    samples.time[k] += total

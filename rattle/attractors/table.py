@@ -30,7 +30,9 @@ class Attractor:
     kind is quiet, periodic, chaotic or undecided (all undecided samples together). m, n_plus, n_minus: the label P(m,
     n₊, n₋), 0 unless periodic. fraction of the sample, with its 95 % Wilson interval. lyapunov: both exponents per
     forcing period, natural logarithm (periodic: ln|multiplier|/m; NaN for quiet and undecided). lyapunov_error: 95 %
-    half-width of the first (0 for periodic). tau, v: a point of it on Σ⁺ (periodic: its fastest impact).
+    half-width of the first (0 for periodic). tau, v: a point of it on Σ⁺ (periodic: its fastest impact). contacts: the
+    contact phases in m periods of a gear with restitution; n₊ and n₋ then count a run of impacts that ends in contact
+    once, and both exponents are −∞, since contact forgets the state before.
     """
 
     kind: str
@@ -43,11 +45,15 @@ class Attractor:
     lyapunov_error: float
     tau: float
     v: float
+    contacts: int = 0
 
     @property
     def name(self) -> str:
         """Name in a word: the label of a periodic motion without blanks, or the kind."""
-        return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[Outcome.PERIODIC] else self.kind
+        if self.kind != KINDS[Outcome.PERIODIC]:
+            return self.kind
+        phases = f";{self.contacts}" if self.contacts else ""
+        return f"P({self.m},{self.n_plus},{self.n_minus}{phases})"
 
     def _repr_html_(self) -> str:
         return html(self.name, attractor_columns((self,)))
@@ -99,7 +105,7 @@ class AttractorTable(StructOfArrays):
 
     kind indexes KINDS. impacts: those on Σ⁺ that its samples made. watched: forcing periods for which a chaotic one, or
     undecided samples, were followed at least, NaN of others. The other fields are those of `Attractor`. One that is
-    known to exist and that no sample found has samples 0.
+    known to exist and that no sample found has samples 0. contacts: by default none.
     """
 
     cell: NDArray[np.int64]
@@ -115,6 +121,12 @@ class AttractorTable(StructOfArrays):
     error: NDArray[np.float64]
     impacts: NDArray[np.int64]
     watched: NDArray[np.float64]
+    contacts: Any = None
+
+    def __post_init__(self) -> None:
+        """Take no contact phases where none are given."""
+        if self.contacts is None:
+            object.__setattr__(self, "contacts", np.zeros(self.kind.size, np.int64))
 
     @classmethod
     def empty(cls) -> Self:
@@ -194,7 +206,8 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
         found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
         first[chaotic], second[chaotic], error[chaotic] = pooled([each.sums for each in found])
         watched[chaotic] = [each.watched for each in found]
-    m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
+    labels = orbits.m, orbits.n_plus - orbits.merged, orbits.n_minus, orbits.contacts
+    m, n_plus, n_minus, contacts = (of_orbit(x, 0).astype(np.int64) for x in labels)
     tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
     place = np.empty_like(order)
@@ -213,6 +226,7 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
         error=error,
         impacts=impacts,
         watched=watched,
+        contacts=contacts,
     )
     return table.take(order), place[row]
 
@@ -253,6 +267,7 @@ def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tup
             lyapunov_error=float(table.error[i]),
             tau=float(table.tau[i]),
             v=float(table.v[i]),
+            contacts=int(table.contacts[i]),
         )
         for i in range(table.cell.size)
     )

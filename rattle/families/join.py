@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -201,10 +202,33 @@ def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArr
     return np.concatenate(ones), np.concatenate(others)
 
 
+@singledispatch
+def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]) -> Any:
+    """Return cells on straight lines between cells, by default by interpolating all that a cell holds.
+
+    A gear of which a cell holds more than its parameters registers its own function.
+
+    Parameters
+    ----------
+    cells : NamedTuple of ndarray
+        Cells as kernels take them.
+    here, there : ndarray of int, (n,)
+        The cells at which the lines begin and end.
+    share : ndarray, (k,)
+        Places along a line, 0 to 1.
+
+    Returns
+    -------
+    NamedTuple of ndarray
+        n·k cells, line by line.
+    """
+    return type(cells)._make((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in cells)
+
+
 def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cells: Any) -> NDArray[np.bool_]:
     share = np.arange(1, STEPS + 1) / STEPS
     here, there = orbits.cell[one], orbits.cell[other]
-    way = type(cells)._make((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in cells)
+    way = cells_between(cells, here, there, share)
     arrives = np.zeros(one.size, np.bool_)
     lead(one, other, STEPS, way, orbits, arrives)
     return arrives

@@ -71,7 +71,7 @@ def determinant(delta, time, impacts):
 
 @dataclass(frozen=True)
 class ImpactLaw:
-    """The law as Python asks it: `ELASTIC` is the only one today."""
+    """The law as Python asks it: `ELASTIC`, or `Restitution`."""
 
     #: Whether bounces on a wall that the contact force presses on end in finite time, in contact that lasts. With
     #: elastic impacts they go on for ever, ever lower: the limit is quiet motion, which has no impact.
@@ -103,3 +103,26 @@ class ImpactLaw:
 
 
 ELASTIC = ImpactLaw()
+
+
+@dataclass(frozen=True)
+class Restitution(ImpactLaw):
+    """The law w → −r w: an impact leaves the share r of the speed, and r² of areas in (t, w²/2)."""
+
+    restitution: float = 1.0
+
+    def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:
+        """Return the determinant e^(−δ time) r^(2 impacts) of a motion."""
+        return np.exp(-delta * time) * self.restitution ** (2 * impacts)
+
+    def exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:
+        """Return λ₁ + λ₂ per forcing period."""
+        return 2.0 * math.log(self.restitution) * impacts_per_period - delta
+
+    def energy_change(self, w: Any, change: Any) -> Any:
+        """Return the change of w²/2 after an impact, from a velocity of arrival and its change."""
+        return self.restitution**2 * (change * w)
+
+    def energy_lost(self, speed: Any) -> Any:
+        """Return the energy that an impact takes from the motion relative to the wall."""
+        return 0.5 * (1.0 - self.restitution**2) * speed * speed

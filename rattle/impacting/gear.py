@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from importlib import import_module
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,11 +49,21 @@ def _raise_for(status: int) -> None:
         )
 
 
-@dataclass(frozen=True)
+def is_elastic(restitution: Any, load: Any, harmonics: Any) -> bool:
+    """Return whether these belong to the elastic gear with one cosine and no load."""
+    try:
+        return float(restitution) == 1.0 and float(load) == 0.0 and len(harmonics) == 0
+    except (TypeError, ValueError):
+        return False
+
+
+@dataclass(frozen=True, init=False)
 class Gear(Sampled, Rattling):
     """Impacting gear model at one parameter point.
 
-    Damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless.
+    Damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless. With a coefficient of
+    restitution below 1, a load or harmonics it is an `InelasticGear`, which has the same methods but for those of
+    closed forms: `rattle.Gear(0.6, 0.1, 0.6, restitution=0.9)`.
 
     Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods.
     States are (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other
@@ -64,6 +76,28 @@ class Gear(Sampled, Rattling):
 
     _classifier = ImpactingClassifier
     _resolution, _pairs = 1000, 8192
+
+    def __new__(cls, *point: Any, restitution: Any = 1.0, load: Any = 0.0, harmonics: Any = (), **named: Any) -> Any:
+        """Return an `InelasticGear` where restitution, load or harmonics ask for one."""
+        if is_elastic(restitution, load, harmonics):
+            return super().__new__(cls)
+        other = import_module("rattle.inelastic.gear").InelasticGear  # imported late: that package builds on this one
+        return other(*point, **named, restitution=restitution, load=load, harmonics=harmonics)
+
+    def __init__(
+        self,
+        delta: float,
+        epsilon: float,
+        beta: float = 0.6,
+        *,
+        restitution: float = 1.0,  # noqa: ARG002
+        load: float = 0.0,  # noqa: ARG002
+        harmonics: Sequence[Sequence[float]] = (),  # noqa: ARG002
+    ) -> None:
+        """Keep the point; `__new__` has dealt with what makes the gear inelastic."""
+        for name, value in (("delta", delta), ("epsilon", epsilon), ("beta", beta)):
+            object.__setattr__(self, name, value)
+        self.__post_init__()
 
     @property
     def sn1(self) -> float | None:

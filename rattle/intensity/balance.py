@@ -1,7 +1,8 @@
 """The balance of impulses of many attractors: an audit, as λ₁ + λ₂ = −δ is one.
 
 The forcing has mean zero and Φ' returns, so the impacts of a lasting motion take up the drift: half of Σ impulses on Σ⁺
-less those on Σ⁻ is 2πδ per forcing period, exactly over a period, and within (largest speed)/T over T of them.
+less those on Σ⁻ is 2πδ per forcing period, 2πδ(1 + load) with a load, exactly over a period, and within (largest
+speed)/T over T of them.
 """
 
 import math
@@ -13,9 +14,8 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
-from rattle.flight.forcing import mean_force
-from rattle.intensity.motions import ENDLESS
-from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, summed
+from rattle.intensity.motions import ENDLESS, period_limits
+from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, summed
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import point_of
 
@@ -24,18 +24,20 @@ MOST_IMPACTS = 1_000_000
 
 
 @kernel
-def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
+def imbalances(cell, returns, periods, tau, v, cells, sums, found):
     """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed.
 
-    Sums (1, COLUMNS) is worked in.
+    Each is followed for so many returns or forcing periods (n,), by default of chaos where neither ends. Sums (1,
+    COLUMNS) is worked in.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         sums[:] = 0.0
-        returns = n_plus[i] if periodic[i] else ENDLESS
-        periods = math.inf if periodic[i] else max(PERIODS, RELAXATIONS / point.delta)
-        status, _tau, _v, _time = summed(tau[i], v[i], returns, periods, MOST_IMPACTS, point, sums)
-        balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force(point.delta) * sums[0, TIME])
+        most = periods[i]
+        if returns[i] == ENDLESS and most == math.inf:
+            most = max(PERIODS, RELAXATIONS / point.delta)
+        status, _tau, _v, _time = summed(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
+        balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force_at(point) * sums[0, TIME])
         found[i] = abs(balance - 1.0) if status == OK else math.nan
 
 
@@ -57,7 +59,9 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     errors = np.full(table.cell.size, np.nan)
     rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))
     found = np.empty(rows.size)
-    columns = (x[rows] for x in (table.cell, table.kind == Outcome.PERIODIC, table.n_plus, table.tau, table.v))
+    returns, periods = period_limits(table.m, table.n_plus, table.contacts)
+    returns = np.where(table.kind == Outcome.PERIODIC, returns, ENDLESS)
+    columns = (x[rows] for x in (table.cell, returns, periods, table.tau, table.v))
     imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
     errors[rows] = found
     return errors

@@ -1,18 +1,19 @@
 """The impacts of a motion, one by one."""
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rattle.errors import require, require_number
 from rattle.flight.first_impact import OK
-from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting
+from rattle.intensity.motions import ENDLESS, ROUNDING, Motion, kind_of, limits_of, require_closed, require_lasting
 from rattle.intensity.visit import Impacts, list_impacts
 from rattle.orbits.iterates import MOST_IMPACTS
 
 ROOM, GROWTH = 1024, 8
-ROUNDING = 1e-9  # forcing periods by which the impact that ends a period may seem to be too late
 
 
 def impact_arrays(count: int) -> Impacts:
@@ -29,26 +30,45 @@ def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
         return impact_arrays(0)
     if kind == "periodic":
         return _repeated(_one_period(motion, point), motion, periods)
-    status, _tau, _v, found = _listed(motion, ENDLESS, periods, point)
+    status, _tau, _v, found = listed(motion.tau, motion.v, ENDLESS, periods, partial(_of_point, point))
     time = float(found.time[-1]) - motion.tau if found.time.size else 0.0
     require_lasting(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
     return Impacts(*(column[found.time <= motion.tau + periods] for column in found))
 
 
 def _one_period(motion: Motion, point: Any) -> Impacts:
-    status, tau, v, found = _listed(motion, motion.n_plus, math.inf, point)
+    status, tau, v, found = listed(motion.tau, motion.v, *limits_of(motion), partial(_of_point, point))
     require_closed(motion, status, tau, v, float(found.speed.max(initial=0.0)))
     return found
 
 
-def _listed(motion: Motion, returns: int, periods: float, point: Any) -> tuple[int, float, float, Impacts]:
-    """Status, the state at the end, and the impacts, MOST_IMPACTS at most."""
+def _of_point(point: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
+    return list_impacts(tau, v, returns, periods, point, room)
+
+
+def listed(
+    tau: float, v: float, returns: int, periods: float, lister: Callable[..., Any]
+) -> tuple[int, float, float, Impacts]:
+    """Return the status, the state at the end, and the impacts, MOST_IMPACTS at most.
+
+    Parameters
+    ----------
+    tau, v, returns, periods
+        As in `rattle.intensity.visit.list_impacts`.
+    lister : callable
+        That kernel, with a point or a cell, which takes these and the arrays to write to.
+
+    Returns
+    -------
+    tuple
+        Status, τ, v, and `Impacts`.
+    """
     room = ROOM
     while True:
         found = impact_arrays(room)
-        status, tau, v, count = list_impacts(motion.tau, motion.v, returns, periods, point, found)
+        status, tau1, v1, count = lister(tau, v, returns, periods, found)
         if count <= room or room == MOST_IMPACTS:
-            return int(status), float(tau), float(v), Impacts(*(column[:count] for column in found))
+            return int(status), float(tau1), float(v1), Impacts(*(column[:count] for column in found))
         room = min(GROWTH * room, MOST_IMPACTS)
 
 

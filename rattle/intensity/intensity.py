@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 from rattle.attractors.chaos import BATCHES, T_95
 from rattle.errors import require_number
 from rattle.flight.forcing import mean_force
-from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting, watched_periods
+from rattle.intensity.forces import force_lines
+from rattle.intensity.impacts import impacts_of
+from rattle.intensity.motions import (
+    ENDLESS,
+    Motion,
+    contacts_of,
+    kind_of,
+    require_closed,
+    require_lasting,
+    watched_periods,
+)
+from rattle.intensity.runs import sums_of
 from rattle.intensity.visit import (
     COLUMNS,
     CONTACT,
@@ -48,9 +59,12 @@ class Intensity:
     """How hard a motion rattles; dimensionless, per forcing period, which is a revolution of the eccentric gear.
 
     impacts_plus, impacts_minus: on Σ⁺ and Σ⁻ (stiff gear: contacts begun). mean_speed, largest_speed: of arrival; chaos
-    may have larger ones than were seen. energy: Σv²/2, which the impacts hand over. contact: share of the time in
-    contact (impacting gear: 1 if quiet, else 0). impulse: half of Σ impulses on Σ⁺ less those on Σ⁻, for the impacting
-    gear Σv₊ − Σv₋: 2πδ in every motion that lasts, an audit. Quiet: 0 but for the last two. Undecided: NaN.
+    may have larger ones than were seen. energy: Σv²/2 of arrival, which the impacts hand over; with restitution r they
+    keep (1 − r²) of it. contact: share of the time in contact (impacting gear: 1 if quiet, else 0). impulse: half of
+    Σ impulses on Σ⁺ less those on Σ⁻, for the impacting gear Σv₊ − Σv₋: 2πδ in every motion that lasts, 2πδ(1 + load)
+    with a load, an audit. Quiet: 0 but for the last two. Undecided: NaN. A run of impacts that ends in contact counts
+    as one impact, as its label does, with the speed of its fastest one in the mean; energy and impulse are summed over
+    its infinitely many impacts.
     """
 
     impacts_plus: float
@@ -95,9 +109,12 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     """See `Rattling.intensity`; the point as kernels take it."""
     kind = kind_of(motion)
     if kind == "quiet":
-        return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * mean_force(point.delta))
+        mean = force_lines(point)[0][1].real
+        return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * mean)
     if kind == "undecided":
         return UNDECIDED
+    if kind == "periodic" and contacts_of(motion):
+        return _intensity(sums_of(impacts_of(motion, point, None), motion.m)[None], EXACT)
     if kind == "periodic":
         sums = np.zeros((1, COLUMNS))
         status, tau, v, _ = summed(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)

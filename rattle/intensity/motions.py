@@ -1,6 +1,9 @@
 """Motions whose impacts are asked for: what they say of themselves, and whether they go on as they say."""
 
-from typing import Protocol
+import math
+from typing import Any, Protocol
+
+import numpy as np
 
 from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_number
@@ -11,12 +14,13 @@ from rattle.orbits.iterates import MOST_IMPACTS
 CLOSED = 1e-6  # a motion comes back to where it began, speeds over its largest, to this
 BATCH, RELAXATIONS = 1000.0, 10.0  # forcing periods, and times 1/δ, of a batch at least
 ENDLESS = 1 << 62  # returns
+ROUNDING = 1e-9  # forcing periods by which the impact that ends a period may seem to be too early or too late
 
 
 class Motion(Protocol):
     """Motion that has a state and a label: an `Attractor`, an `Orbit`, a periodic motion of either gear.
 
-    It may have the kind of an attractor; without it is periodic.
+    It may have the kind of an attractor, without which it is periodic, and a number of contact phases, by default 0.
     """
 
     @property
@@ -43,6 +47,38 @@ def kind_of(motion: Motion) -> str:
     if kind != "quiet":
         require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it is a virtual one")
     return str(kind)
+
+
+def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
+    """Return the limits of returns and forcing periods that end one period of periodic motions.
+
+    Impacts on Σ⁺ end it where there is no contact. Labels count a run of impacts that ends in contact once, so time
+    ends it there; the state of such a motion is its fastest impact on Σ⁺, before which there is no impact for longer
+    than rounding.
+
+    Parameters
+    ----------
+    m, n_plus, contacts : int or ndarray
+        Their labels, of one shape.
+
+    Returns
+    -------
+    returns, periods : int and float, or ndarray
+        The limits, of which one is without bound.
+    """
+    held = np.asarray(contacts) > 0
+    return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
+
+
+def limits_of(motion: Motion) -> tuple[int, float]:
+    """Return what `period_limits` does for one motion."""
+    returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
+    return int(returns), float(periods)
+
+
+def contacts_of(motion: Motion) -> int:
+    """Return the contact phases of a motion in a period."""
+    return int(getattr(motion, "contacts", 0))
 
 
 def watched_periods(delta: float, periods: float | None) -> float:

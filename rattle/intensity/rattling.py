@@ -1,4 +1,4 @@
-"""Answer questions about the impacts of a motion, for either gear."""
+"""Answer questions about the impacts of a motion, for any gear."""
 
 import math
 from abc import ABC, abstractmethod
@@ -45,7 +45,8 @@ class Rattling(ABC):
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
         """Return the impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on.
 
-        Of a periodic one by default those of its period. Raises as `intensity`.
+        Of a periodic one by default those of its period. Of a chatter that ends in contact those above rounding, the
+        last of which has the contact phase for its duration. Raises as `intensity`.
 
         Returns
         -------
@@ -57,9 +58,9 @@ class Rattling(ABC):
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
         """Return the order spectrum of the contact force, from order 0 to the highest.
 
-        Periodic or quiet: its lines, exact, that of order 0 being −4πδ: amplitude = (1/m) Σ ∓2v e^(−2πi order t) over
-        the impacts at ±β. Chaotic: its density every 1/resolution, with its confidence, from 256 segments of
-        `resolution` forcing periods. Raises as `intensity`.
+        Periodic or quiet: its lines, exact, that of order 0 being −4πδ(1 + load): over elastic impacts at ±β
+        amplitude = (1/m) Σ ∓2v e^(−2πi order t). Chaotic: its density every 1/resolution, with its confidence, from 256
+        segments of `resolution` forcing periods. Raises as `intensity`.
 
         Returns
         -------
@@ -87,4 +88,4 @@ class Rattling(ABC):
         NDArray[np.float64]
             Samples (seconds · rate,).
         """
-        return sound(motion, self._point, rpm, seconds, rate, ring, decay)
+        return sound(motion, self._point, self._stiffness, rpm, seconds, rate, ring, decay)

@@ -19,7 +19,7 @@ LOUDEST = 32767 * 9 // 10  # of 16 bits
 
 
 def sound(
-    motion: Motion, point: Any, rpm: float, seconds: float, rate: int, ring: float, decay: float
+    motion: Motion, point: Any, stiffness: float, rpm: float, seconds: float, rate: int, ring: float, decay: float
 ) -> NDArray[np.float64]:
     """See `Rattling.sound`; the point as kernels take it."""
     rpm, seconds = require_number("rpm", rpm, positive=True), require_number("seconds", seconds, positive=True)
@@ -29,9 +29,9 @@ def sound(
     require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: ask for fewer seconds")
     turn = 60.0 / rpm
     impacts = impacts_of(motion, point, seconds / turn)
-    return np.asarray(
-        rung((impacts.time - motion.tau) * turn, impacts.impulse, round(seconds * rate), rate, ring, decay)
-    )
+    # on rigid walls the force of a contact phase presses, and does not strike
+    strikes = impacts.speed + impacts.departure if math.isinf(stiffness) else impacts.impulse
+    return np.asarray(rung((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay))
 
 
 @kernel

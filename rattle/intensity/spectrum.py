@@ -5,7 +5,8 @@ the stiff gear has x'' + δx' + 2kx = h from depth 0, entered with speed u at t,
 
     ∫ 2kx e^(−iωs) ds = T(ω) (u e^(−iωt) + w e^(−iω(t + d)) + ∫ h e^(−iωs) ds),      T = 2k/(2k − ω² + iδω),
 
-exactly; for k → ∞, T = 1 and d = 0, these are the impulses u + w = 2u.
+exactly; for k → ∞, T = 1 and d = 0, these are the impulses u + w = 2u. With restitution r they are u + w = (1 + r)u,
+and the impact that ends in contact, of a duration d, is left with w = 0.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_integer, require_number
-from rattle.flight.forcing import TWO_PI, Forcing
+from rattle.flight.forcing import TWO_PI
+from rattle.intensity.forces import force_lines
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import Motion, kind_of
 from rattle.intensity.visit import Impacts
@@ -70,7 +72,7 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         impacts = impacts_of(motion, point, 0.5 * (SEGMENTS + 1) * length)
         return _density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
-        pressing = _pressing(order, point.delta, point.epsilon)
+        pressing = _pressing(order, point)
         return Lines(order, np.asarray(-response(order, point.delta, stiffness) * pressing))
     impacts = impacts_of(motion, point, None)
     return Lines(order, np.asarray(force_of(impacts, order, point, stiffness) / -motion.m))
@@ -88,19 +90,18 @@ def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> ND
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
         part = slice(first, first + rows)
-        found[part] = _transformed(impacts, TWO_PI * order[part, None], point.delta, point.epsilon).sum(axis=1)
+        found[part] = _transformed(impacts, TWO_PI * order[part, None], point).sum(axis=1)
     return response(order, point.delta, stiffness) * found
 
 
-def _transformed(impacts: Impacts, omega: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
+def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
     """Return the sum in the formula above, of each impact."""
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
     if impacts.duration.any():
         found += sum(
-            size * _lasting(frequency - omega, begin, impacts.duration)
-            for frequency, size in Forcing(epsilon).lines(delta)
+            size * _lasting(frequency - omega, begin, impacts.duration) for frequency, size in force_lines(point)
         )
     return found
 
@@ -111,10 +112,12 @@ def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.comp
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
 
 
-def _pressing(order: Array, delta: float, epsilon: float) -> NDArray[np.complex128]:
+def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
     """Return the lines of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
-    lines[:2] = [size for _, size in Forcing(epsilon).lines(delta)[:2]][: order.size]
+    for frequency, size in force_lines(point):
+        if 0 <= round(frequency / TWO_PI) < order.size:
+            lines[round(frequency / TWO_PI)] = size
     return lines
 
 
@@ -132,7 +135,7 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
     """
     from scipy.special import chdtri  # takes longer to load than all else here
 
-    time, weight = _pushes(impacts, point.delta, point.epsilon)
+    time, weight = _pushes(impacts, point)
     begin = start + 0.5 * length * np.arange(SEGMENTS)
     first, last = np.searchsorted(time, begin), np.searchsorted(time, begin + length)
     power = periodograms(time, weight, begin, first, last, length, order.size)
@@ -142,13 +145,13 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
     return Density(order, density, low * density, high * density)
 
 
-def _pushes(impacts: Impacts, delta: float, epsilon: float) -> tuple[Array, Array]:
+def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
     """When and how much the walls push (n,), times rising, but for T: a contact's force in a few nodes of it."""
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
     at = begin[:, None] + half * (1.0 + NODES)
-    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in Forcing(epsilon).lines(delta))
+    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in force_lines(point))
     time = np.concatenate([begin, begin + impacts.duration, at.ravel()])
     weight = np.concatenate([wall * impacts.speed, wall * impacts.departure, (half * WEIGHTS * force).ravel()])
     rising = np.argsort(time, kind="stable")

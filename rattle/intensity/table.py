@@ -11,11 +11,11 @@ from rattle.attractors.classify import PERIODS, WATCH
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
-from rattle.flight.forcing import mean_force
 from rattle.flight.law import wrapped
 from rattle.intensity.intensity import half_widths, rates
-from rattle.intensity.motions import CLOSED, ENDLESS
-from rattle.intensity.visit import COLUMNS, FASTEST, TIME, summed
+from rattle.intensity.motions import CLOSED, ENDLESS, period_limits
+from rattle.intensity.runs import listed_in_cell, sums_of
+from rattle.intensity.visit import COLUMNS, FASTEST, TIME, mean_force_at, summed
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS
 from rattle.orbits.return_map import point_of
@@ -63,6 +63,22 @@ def once_around(cell, n_plus, tau, v, cells, sums):
 
 
 @kernel
+def mean_forces(cell, cells, found):
+    """Write the mean contact force of these cells (n,)."""
+    for i in range(cell.size):
+        found[i] = mean_force_at(point_of(cell[i], cells))
+
+
+def _with_contact(table: AttractorTable, row: int, cells: Any) -> Array:
+    """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN where it does not close."""
+    tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
+    returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
+    status, tau1, v1, found = listed_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
+    closed = abs(wrapped(tau1 - tau)) <= CLOSED and abs(v1 - v) <= CLOSED * found.speed.max(initial=0.0)
+    return sums_of(found, m) if status == OK and closed else np.full(COLUMNS, np.nan)
+
+
+@kernel
 def sums_over_periods(cell, tau, v, periods, cells, sums):
     """Add up sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
 
@@ -98,17 +114,20 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
         The intensities, a row for each attractor.
     """
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
-    quiet = table.kind == Outcome.QUIET
-    found[:EXACT, quiet] = [
-        *(np.full(quiet.sum(), x) for x in OF_QUIET),
-        0.5 * mean_force(cells.delta[table.cell[quiet]]),
-    ]
+    quiet = np.flatnonzero(table.kind == Outcome.QUIET)
+    mean = np.empty(quiet.size)
+    mean_forces(table.cell[quiet], cells, mean)
+    found[:EXACT, quiet] = [*(np.full(quiet.size, x) for x in OF_QUIET), 0.5 * mean]
     found[EXACT:, quiet] = 0.0
 
-    periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
+    periodic = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts == 0))
     around = np.zeros((periodic.size, COLUMNS))
     once_around(*(x[periodic] for x in (table.cell, table.n_plus, table.tau, table.v)), cells, around)
     around[:, TIME] = np.rint(around[:, TIME])
+    held = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts > 0))
+    if held.size:
+        periodic = np.append(periodic, held)
+        around = np.concatenate([around, [_with_contact(table, int(row), cells) for row in held]])
     found[:EXACT, periodic] = rates(around[:, None])
     found[EXACT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 

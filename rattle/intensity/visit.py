@@ -1,7 +1,7 @@
 """A motion from impact to impact on either wall: a list of them, and what they sum up to (compiled).
 
 The type of the point says which gear is meant: `bounce` is that of its kind. An impact of the stiff gear is a contact,
-which a flight begins.
+which a flight begins. A contact phase of the inelastic gear is the duration of the impact before it.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +19,9 @@ class Impacts(NamedTuple):
 
     time: when each begins, in forcing periods, whole ones at phase 0; wall: +1 (Φ = β) or −1; speed and departure: of
     arrival and of departure; duration: of the contact, in forcing periods; impulse: by how much it turns Φ' away from
-    the wall. In the impacting model departure is speed, duration 0 and impulse twice the speed.
+    the wall. In the impacting model departure is speed, duration 0 and impulse twice the speed; with restitution r
+    departure is r times the speed. Of a chatter that ends in contact the impacts above rounding are listed; the last
+    of them has departure 0, the contact phase for its duration, and an impulse that includes the force in contact.
     """
 
     time: Any
@@ -35,6 +37,11 @@ def bounce(wall, tau, w, point):
 
     (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
     """
+    raise NotImplementedError("for kernels only")
+
+
+def mean_force_at(point):
+    """Return the mean contact force of a point, which the impulses of a lasting motion balance in every period."""
     raise NotImplementedError("for kernels only")
 
 

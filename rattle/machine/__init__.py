@@ -1,7 +1,24 @@
 """Pairs of gears in SI units, as engineers have them."""
 
-from rattle.machine.conversion import DRIVES, Units
+from rattle.machine.conversion import DRIVES, Reduced, Units
 from rattle.machine.given import RPM, UNITS
 from rattle.machine.machine import Machine, MachineIntensity
+from rattle.machine.point import machine_point
+from rattle.machine.transmission_error import TransmissionError, read_transmission_error, transmission_error
+from rattle.machine.verdict import VERDICTS, MachineVerdict
 
-__all__ = ["DRIVES", "RPM", "UNITS", "Machine", "MachineIntensity", "Units"]
+__all__ = [
+    "DRIVES",
+    "RPM",
+    "UNITS",
+    "VERDICTS",
+    "Machine",
+    "MachineIntensity",
+    "MachineVerdict",
+    "Reduced",
+    "TransmissionError",
+    "Units",
+    "machine_point",
+    "read_transmission_error",
+    "transmission_error",
+]

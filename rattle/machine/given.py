@@ -1,9 +1,13 @@
 """Read the numbers of a machine as plain SI numbers, and decide whether these can be meant."""
 
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from rattle.errors import ParameterError, require, require_number
 from rattle.flight.forcing import TWO_PI
+from rattle.machine.forcing import AMPLITUDES
 
 UNITS = {
     "inertia": "kg*m**2",
@@ -13,12 +17,22 @@ UNITS = {
     "radius": "m",
     "speed": "rad/s",
     "stiffness": "N/m",
+    "load_torque": "N*m",
+    "driven_inertia": "kg*m**2",
+    "driven_drag": "N*m*s",
+    "driven_radius": "m",
+    **dict.fromkeys(AMPLITUDES, "m"),
 }
+#: Numbers that may be 0, what else than the eccentricity shakes the teeth, and the load.
+MAY_BE_ZERO = ("eccentricity", "load_torque", *AMPLITUDES)
+DRIVEN = ("inertia", "drag", "radius")  # what the second gear has of its own, as driven_inertia and so on
 ANGLES = ("rad", "rev", "turn", "deg", "cycle")
 RPM = TWO_PI / 60.0  # rad/s
 
 LARGEST_RADIUS = 5.0  # m
 WIDEST = 0.1  # of the base radius: backlash and eccentricity
+ROUNDED = 0.01  # of the ratio: how far radii on a drawing may be from the tooth numbers
+MOST_TEETH = 1000
 STEEL, HEAVIEST = 7850.0, 1e4  # kg/m³; inertia over that of a steel disc as wide as its radius
 FASTEST = 100.0  # m/s at the base circle, from which on a number in rad/s is doubted: turbines' gears reach 200
 IMPOSSIBLE = 1000.0
@@ -35,7 +49,7 @@ def in_si(name: str, value: Any) -> float:
     Raises
     ------
     ParameterError
-        Unless it is above 0, or of the eccentricity at least 0.
+        Unless it is above 0, or of `MAY_BE_ZERO` at least 0.
     """
     if is_quantity(value):
         if name == "speed" and not any(angle in str(value.units) for angle in ANGLES):
@@ -44,7 +58,7 @@ def in_si(name: str, value: Any) -> float:
             value = value.to(UNITS[name]).magnitude
         except TypeError as error:  # pint's DimensionalityError is one
             raise ParameterError(f"{name} must be in {UNITS[name]} or another unit of that kind: {error}") from None
-    return require_number(name, value, positive=name != "eccentricity")
+    return require_number(name, value, positive=name not in MAY_BE_ZERO)
 
 
 def is_quantity(value: Any) -> bool:
@@ -52,11 +66,11 @@ def is_quantity(value: Any) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
-def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float) -> None:
-    """Raise ParameterError on numbers that can only be in other units than SI's."""
+def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
+    """Raise ParameterError on numbers, named with a prefix, that can only be in other units than SI's."""
     require(
         radius <= LARGEST_RADIUS,
-        f"radius must be in metres: {radius:g} m is no gear; for {radius:g} mm give {1e-3 * radius:g}",
+        f"{prefix}radius must be in metres: {radius:g} m is no gear; for {radius:g} mm give {1e-3 * radius:g}",
     )
     for name, length in (("backlash", backlash), ("eccentricity", eccentricity)):
         require(
@@ -67,9 +81,55 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
     disc = 0.25 * TWO_PI * STEEL * radius**5
     require(
         inertia <= HEAVIEST * disc,
-        f"inertia must be in kg m²: {inertia:g} is over {HEAVIEST:g} times the {disc:.2g} of a steel disc of radius "
-        f"{radius:g} m; for {inertia:g} kg mm² give {1e-6 * inertia:g}, for {inertia:g} kg cm² {1e-4 * inertia:g}",
+        f"{prefix}inertia must be in kg m²: {inertia:g} is over {HEAVIEST:g} times the {disc:.2g} of a steel disc of "
+        f"radius {radius:g} m; "
+        f"for {inertia:g} kg mm² give {1e-6 * inertia:g}, for {inertia:g} kg cm² {1e-4 * inertia:g}",
     )
+
+
+def teeth_of(name: str, value: Any) -> int | None:
+    """Return a number of teeth, None for none. Raises ParameterError."""
+    if value is None:
+        return None
+    number = require_number(name, value, positive=True)
+    require(
+        number == int(number) and number <= MOST_TEETH,
+        f"{name} must be an integer from 1 to {MOST_TEETH}, got {number:g}",
+    )
+    return int(number)
+
+
+def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
+    """Return the second gear's base radius, which its tooth number decides where it is not given.
+
+    Returns
+    -------
+    float or ndarray
+        m.
+
+    Raises
+    ------
+    ParameterError
+        Radii and tooth numbers disagree, or a second gear of another size lacks its inertia or drag.
+    """
+    driven = given.get("driven_radius")
+    require(
+        driven_teeth is None or teeth is not None,
+        "driven_teeth is the second gear's number: give the first's teeth too",
+    )
+    if driven is None:
+        driven = radius if driven_teeth is None or teeth is None else radius * (driven_teeth / teeth)
+    elif teeth is not None and driven_teeth is not None:
+        off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
+        require(
+            off <= ROUNDED,
+            f"base radii are in the ratio of the tooth numbers, {driven_teeth}/{teeth}, and these are "
+            f"{100 * off:.3g} % off: check them, or leave out driven_radius",
+        )
+    if np.any(np.not_equal(driven, radius)):
+        lacking = [f"driven_{name}" for name in DRIVEN[:2] if given.get(f"driven_{name}") is None]
+        require(not lacking, f"the second gear has another size: give its {' and '.join(lacking)} too")
+    return driven
 
 
 def require_slow(speed: float, radius: float, sure: bool) -> None:

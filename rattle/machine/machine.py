@@ -1,21 +1,24 @@
-"""A pair of equal gears in SI units: which parameter point it is, and its motions back in SI units.
+"""Two gears in SI units: which parameter point they are, and their motions back in SI units.
 
-Both gears have the inertia I, the viscous drag c and the base radius r, and turn at the mean speed Ω. Along the line of
-action lies a backlash j, the transmission error has the amplitude e once a revolution, and teeth press on each other
-with k times their depth. With φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt the teeth meet at Φ = ±j/2r, and
+The first gear drives the second. Along the line of action lies a backlash j, the transmission error is e(t), and teeth
+press on each other with k times their depth. With x = r₁θ₁ − r₂θ₂ and T₂ the load torque
 
-    I θ₁'' + c θ₁' = 2cΩ − F r,      I θ₂'' + c θ₂' = F r      (drive "torque": a constant one keeps the mean speed)
+    I₁θ₁'' + c₁θ₁' = T₁ − F r₁,      I₂θ₂'' + c₂θ₂' = F r₂ − T₂
 
-give I φ'' + c φ' = 2cΩ − 2F r: in forcing periods 2π/Ω the paper's (2.1) to (2.4), with
+Drive "torque" has a constant T₁, which keeps the mean speed; drive "speed" imposes θ₁ = Ωt. For two equal gears without
+a load, φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt give the paper's (2.1) to (2.4) in forcing periods 2π/Ω, with
 
-    δ = 2πc/(IΩ),      ε = e/r,      β = j/2r.
+    δ = 2πc/(IΩ),      ε = e/r,      β = j/2r
 
-Drive "speed" imposes θ₁ = Ωt, so I φ'' + c φ' = cΩ − F r, with half the drift: Φ, ε and β of the model are then twice
-those above, and a stiffness counts half. docs/decisions/0025-machine.md has every step.
+(drive "speed": Φ, ε and β of the model are twice those, and a stiffness counts half). docs/decisions/0025-machine.md
+has every step for these, docs/decisions/0065-two-gears.md for two unlike gears, reduced by
+`conversion.reduced`.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rattle.attractors.speeds import NATURAL
@@ -23,9 +26,12 @@ from rattle.attractors.table import Attractor
 from rattle.errors import require, require_number, require_one_of
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
-from rattle.machine import conversion
 from rattle.machine.conversion import DRIVES, Units
-from rattle.machine.given import RPM, in_si, is_quantity, require_plausible, require_slow
+from rattle.machine.forcing import AMPLITUDES, checked_components
+from rattle.machine.given import DRIVEN, RPM, WIDEST, in_si, is_quantity, require_plausible, require_slow, teeth_of
+from rattle.machine.point import MachinePoint, machine_point
+from rattle.machine.verdict import MachineVerdict, machine_verdict
+from rattle.parameters import Harmonic
 
 if TYPE_CHECKING:
     from rattle.models import AnyGear
@@ -51,18 +57,47 @@ class MachineIntensity(NamedTuple):
     contact: float
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, init=False, repr=False)
 class Machine:
-    """A pair of equal gears: both have this inertia, this drag and this base radius, so the ratio is 1.
+    """Two gears: equal gears with the first six numbers, unlike ones with those of the driven gear too.
 
-    A pair of unlike gears is another model, which this is not. Numbers are in SI units, or quantities of `pint`.
+    Without numbers of a second gear both have this inertia, this drag and this base radius, so the ratio is 1. Numbers
+    are in SI units, or quantities of `pint`; lengths are along the line of action.
 
-    inertia: kg m², of each gear with what turns with it. drag: N m s/rad, the drag torque of each over its speed.
-    backlash, eccentricity: m along the line of action, the whole backlash, and the amplitude of the transmission error
-    once a revolution. radius: m, of the base circle. speed: the mean one in rad/s; or rpm=, revolutions per minute.
-    drive: "torque", a constant one on one gear, or "speed", that of one imposed (inertia and drag are the other's).
-    stiffness: N/m of the mesh along the line of action; without it teeth do not give way. Raises ParameterError on
-    what is not above 0 (the eccentricity may be 0), and on what can only be in other units.
+    Parameters
+    ----------
+    inertia, drag, radius : float
+        Of the first gear with what turns with it: kg m²; N m s/rad, the drag torque over the speed; m, base circle.
+    backlash : float
+        m, the whole of it.
+    eccentricity : float
+        m, the amplitude of the transmission error once a revolution of the first gear; 0 if `errors` has it.
+    speed, rpm : float
+        Mean speed of the first gear in rad/s, or in revolutions per minute.
+    drive : str
+        "torque", a constant one on the first gear, or "speed", an imposed one, as of most loose gears.
+    stiffness : float, optional
+        N/m of the mesh; without it teeth do not give way.
+    restitution : float, optional
+        Speed after an impact over that before it, from 0 (excluded) to 1, elastic impacts, the default.
+    load_torque : float, optional
+        N m that the second gear drives, beside its drag.
+    driven_inertia, driven_drag, driven_radius : float, optional
+        The same three numbers of the second gear; by default those of the first.
+    teeth, driven_teeth : int, optional
+        Tooth numbers of both. They make driven_radius if that is not given.
+    driven_eccentricity : float, optional
+        m, once a revolution of the second gear.
+    mesh_error, mesh_error_2, mesh_error_3 : float, optional
+        m, the amplitudes once, twice and three times a tooth.
+    errors, driven_errors : sequence of (int, float, float)
+        Any other parts: order of the revolution of the first or the second gear, amplitude in m, phase in turns. A
+        measured transmission error is `read_transmission_error(…).harmonics`.
+
+    Raises
+    ------
+    ParameterError
+        A number is not above 0 (amplitudes and load may be 0), can only be in other units, or contradicts another.
     """
 
     inertia: float
@@ -73,6 +108,19 @@ class Machine:
     speed: float
     drive: str = "torque"
     stiffness: float | None = None
+    restitution: float | None = None
+    load_torque: float | None = None
+    driven_inertia: float | None = None
+    driven_drag: float | None = None
+    driven_radius: float | None = None
+    teeth: int | None = None
+    driven_teeth: int | None = None
+    driven_eccentricity: float | None = None
+    mesh_error: float | None = None
+    mesh_error_2: float | None = None
+    mesh_error_3: float | None = None
+    errors: tuple[tuple[int, float, float], ...] = ()
+    driven_errors: tuple[tuple[int, float, float], ...] = ()
 
     def __init__(
         self,
@@ -86,20 +134,76 @@ class Machine:
         stiffness: Any = None,
         *,
         rpm: float | None = None,
+        restitution: float | None = None,
+        teeth: int | None = None,
+        driven_teeth: int | None = None,
+        errors: Iterable[Any] = (),
+        driven_errors: Iterable[Any] = (),
+        **second: Any,
     ) -> None:
         require_one_of("drive", drive, DRIVES)
         require((speed is None) != (rpm is None), "give the mean speed once: speed in rad/s, or rpm")
+        known = ("load_torque", *(f"driven_{name}" for name in DRIVEN), *AMPLITUDES)
+        for name in second:
+            require_one_of("a number of a machine", name, known)
         lengths = {"backlash": backlash, "eccentricity": eccentricity, "radius": radius}
         given = {"inertia": inertia, "drag": drag, **lengths}
         numbers = {name: in_si(name, value) for name, value in given.items()}
         turning = speed if rpm is None else require_number("rpm", rpm, positive=True) * RPM
         numbers["speed"] = in_si("speed", turning)
-        for name, value in numbers.items():
+        optional = {"stiffness": stiffness, **{name: second.get(name) for name in known}}
+        found: dict[str, Any] = {
+            **numbers,
+            **{name: None if value is None else in_si(name, value) for name, value in optional.items()},
+            "drive": drive,
+            "restitution": _restitution(restitution),
+            "teeth": teeth_of("teeth", teeth),
+            "driven_teeth": teeth_of("driven_teeth", driven_teeth),
+            "errors": checked_components("errors", errors),
+            "driven_errors": checked_components("driven_errors", driven_errors),
+        }
+        for name, value in found.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "drive", drive)
-        object.__setattr__(self, "stiffness", None if stiffness is None else in_si("stiffness", stiffness))
         require_plausible(self.inertia, self.backlash, self.eccentricity, self.radius)
         require_slow(self.speed, self.radius, sure=rpm is not None or is_quantity(speed))
+        self._require_one_pair()
+
+    def _require_one_pair(self) -> None:
+        """Raise ParameterError where numbers of the second gear are in other units, or contradict others."""
+        total = self._point.forcing.total
+        require(
+            total <= WIDEST * self.radius,
+            f"the amplitudes of the transmission error must be in metres: they add up to {total:g} m, "
+            f"{total / self.radius:.2g} times the base radius; for {total:g} µm give {1e-6 * total:g}",
+        )
+        require(
+            not (self.eccentricity and any(order == 1 for order, _, _ in self.errors)),
+            "eccentricity and order 1 of errors are the same error: give eccentricity=0",
+        )
+        pair = self._point.pair
+        own = float(pair.radius / pair.ratio)
+        require_plausible(self.driven_inertia or self.inertia, 0.0, 0.0, own, "driven_")
+        require(
+            self.stiffness is None or set(self.added) == {"kappa"},
+            "teeth with a stiffness have elastic impacts and one harmonic here: leave out stiffness, or restitution, "
+            "load_torque and all errors but one",
+        )
+
+    def __repr__(self) -> str:
+        """Return its numbers, without those that were not given."""
+        shown = [(each.name, getattr(self, each.name)) for each in fields(self)]
+        kept = shown[: len(shown) if self._is_unlike else 8]
+        words = [f"{name}={value!r}" for i, (name, value) in enumerate(kept) if i < 8 or value not in (None, ())]
+        return f"{type(self).__name__}({', '.join(words)})"
+
+    @property
+    def _is_unlike(self) -> bool:
+        return any(getattr(self, each.name) not in (None, ()) for each in fields(self)[8:])
+
+    @cached_property
+    def _point(self) -> MachinePoint:
+        numbers = {each.name: getattr(self, each.name) for each in fields(self)}
+        return machine_point(numbers, self.speed, self.errors, self.driven_errors)
 
     @property
     def rpm(self) -> float:
@@ -109,34 +213,46 @@ class Machine:
     @property
     def delta(self) -> float:
         """Damping δ."""
-        return float(conversion.damping(self.inertia, self.drag, self.speed))
+        return float(self._point.delta)
 
     @property
     def epsilon(self) -> float:
-        """Eccentricity ε."""
-        return float(conversion.over_radius(self.eccentricity, self.radius, self.drive))
+        """Eccentricity ε, of the first harmonic of the transmission error, or the largest if there is no first one."""
+        return float(self._point.epsilon)
 
     @property
     def beta(self) -> float:
         """Half-backlash β."""
-        return float(conversion.half_backlash(self.backlash, self.radius, self.drive))
+        return float(self._point.beta)
 
     @property
     def added(self) -> dict[str, float]:
         """Parameters that its model has beside δ, ε and β, by name."""
-        from rattle.models import ADDED  # loads all gears: only for who asks
+        return {name: float(value) for name, value in self._point.added.items()}
 
-        given = {
-            name: (each.of_machine, getattr(self, each.machine_number))
-            for name, each in ADDED.items()
-            if each.machine_number is not None and each.of_machine is not None
-        }
-        scale = conversion.DRIVES[self.drive]
-        return {
-            name: float(make(number, self.inertia, self.radius, self.speed, scale))
-            for name, (make, number) in given.items()
-            if number is not None
-        }
+    @property
+    def harmonics(self) -> tuple[Harmonic, ...]:
+        """The harmonics of its forcing beside the first, as `rattle.Gear` takes them."""
+        return self._point.forcing.harmonics()
+
+    @property
+    def revolutions(self) -> float:
+        """Revolutions of the first gear in a forcing period: 1 where its eccentricity is all that shakes the teeth."""
+        return 1.0 / self._point.forcing.base
+
+    @property
+    def effective_mass(self) -> float:
+        """The mass that an impact feels along the line of action, kg: 1/(r₁²/I₁ + r₂²/I₂)."""
+        units = self.units
+        return float(units.energy / units.velocity**2)
+
+    @property
+    def rate_error(self) -> float:
+        """Largest share of the driving force that the one rate of the model leaves out; 0: the reduction is exact.
+
+        It is exact with an imposed speed, and where both gears slow down alike (c₁/I₁ = c₂/I₂).
+        """
+        return float(self._point.rate_error)
 
     def __getattr__(self, name: str) -> float | None:
         """Return a parameter that a model adds, None where this machine's model does not have it."""
@@ -148,19 +264,42 @@ class Machine:
 
     @property
     def gear(self) -> "AnyGear":
-        """The parameter point: a `Gear`, or with a stiffness a `StiffGear`. Raises ParameterError."""
-        from rattle.models import model_of  # loads all gears: only for who asks
+        """The parameter point: a `Gear`, with a stiffness a `StiffGear`, else an `InelasticGear` where it needs one.
 
-        return model_of(self.beta, **self.added).gear(self.delta, self.epsilon)
+        Raises ParameterError.
+        """
+        from rattle.models import model_of, with_harmonics  # loads all gears: only for who asks
+
+        return with_harmonics(model_of(self.beta, **self.added), self.harmonics).gear(self.delta, self.epsilon)
 
     @property
     def units(self) -> Units:
         """From the model back to SI units."""
-        return conversion.units(self.inertia, self.radius, self.speed, self.drive)
+        return self._point.units
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
         """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
         return self.gear.attractors(count, NATURAL, seed)
+
+    def verdict(self, count: int = 256, seed: int = 0) -> MachineVerdict:
+        """Return whether it rattles: quiet, quiet unless knocked, from what share of starts, or always.
+
+        Parameters
+        ----------
+        count, seed : int
+            Starts, as in `attractors`.
+
+        Returns
+        -------
+        MachineVerdict
+            The answer; print it for one line.
+
+        Raises
+        ------
+        ParameterError
+            An argument is outside its domain.
+        """
+        return machine_verdict(self, count, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
         """Return how hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
@@ -180,3 +319,12 @@ class Machine:
             level=-math.inf if power == 0.0 else 10.0 * math.log10(power / PICOWATT),
             contact=found.contact,
         )
+
+
+def _restitution(value: float | None) -> float | None:
+    """Return a coefficient of restitution. Raises ParameterError."""
+    if value is None:
+        return None
+    number = require_number("restitution", value, positive=True)
+    require(number <= 1.0, f"restitution must be at most 1, elastic impacts, got {number:g}")
+    return number

@@ -54,6 +54,11 @@ class Capability(StrEnum):
     BOUNDARIES = "an explanation of boundaries is"
     BIFURCATION_PROOFS = "a proof of a bifurcation is"
     PROOFS = "a proof of periodic motions is"
+    CONTACT_PHASES = "contact phases are"
+    SUM_RULE = "a sum of exponents that is −δ is"
+    MANIFOLDS = "manifolds of saddles are"
+    DIAGRAMS = "bifurcation diagrams are"
+    DEPARTURES = "motions that begin inside the gap, as after a shock, are"
 
 
 class Limits(NamedTuple):
@@ -216,6 +221,10 @@ class Model(ABC):
         How long a cell takes whatever its samples; None where these decide.
     design_gears : int
         Gears that are drawn where tolerances of a point are answered at once.
+    takes_harmonics : bool
+        Whether its forcing may have harmonics beside the first.
+    one_cosine : frozenset of Capability
+        What of `has` it has without such harmonics only.
     compiled_at : tuple of float
         Eccentricities, at δ = β = 0.6, of the cells that are computed so that its kernels are compiled.
     """
@@ -232,6 +241,8 @@ class Model(ABC):
     tile_samples: ClassVar[int] = 65_536
     cell_milliseconds: ClassVar[float | None] = None
     design_gears: ClassVar[int] = 1024
+    takes_harmonics: ClassVar[bool] = False
+    one_cosine: ClassVar[frozenset[Capability]] = frozenset()
     compiled_at: ClassVar[tuple[float, ...]] = (0.1,)
 
     def __post_init__(self) -> None:

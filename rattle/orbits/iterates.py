@@ -110,7 +110,7 @@ def sampled_motion(
     sampled: Callable[..., tuple[int, int, float]],
     tau: float,
     v: float,
-    parameters: Sequence[float],
+    parameters: Sequence[Any],
     periods: float,
     points: int,
 ) -> Trajectory:

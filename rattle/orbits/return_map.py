@@ -1,18 +1,20 @@
 """Powers of a return map with their tangent, and the periodic orbits that Newton's method finds (compiled).
 
 The type of the point says which model is meant. These functions are found by it, in every kernel that calls them
-(`rattle.numerics.compile.for_type`); a gear provides all of them, for its point and its cells:
+(`rattle.numerics.compile.for_type`); a gear provides all of them, for its point and its cells, but for the inverse map
+of the inelastic one, which there is not:
 
-================  ========================  ===============================  ===========================
-function          declared in               impacting (Point, Cells)         stiff (StiffPoint, StiffCells)
-================  ========================  ===============================  ===========================
-step              orbits.return_map         impacting.map.impact_map         stiff.map.return_map
-step_tangent      orbits.return_map         impacting.map.impact_map         stiff.map.return_map
-inverse_step      orbits.return_map         impacting.map.impact_map         stiff.map.return_map
-bounce            intensity.visit           impacting.map.impact_map         stiff.map.return_map
-point_of          orbits.return_map         impacting.attractors.settle      stiff.attractors.settle
-between           orbits.return_map         impacting.attractors.settle      stiff.attractors.settle
-================  ========================  ===============================  ===========================
+=============  =================  ===========================  ======================  ========================
+function       declared in        impacting (Point, Cells)     stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
+=============  =================  ===========================  ======================  ========================
+step           orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map
+step_tangent   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map
+inverse_step   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    none
+bounce         intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
+mean_force_at  intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
+point_of       orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
+between        orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
+=============  =================  ===========================  ======================  ========================
 """
 
 import math

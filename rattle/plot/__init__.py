@@ -19,6 +19,12 @@ from rattle.plot.drawing import FORMATS, HALO, Drawing, new_figure, save
 from rattle.plot.paper_figures import FIGURES, PaperFigure, Request, StiffRequest, draw, parse, request, stiff_request
 from rattle.plot.paper_ranges import BETA, FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
 from rattle.plot.plane import MARKERS, STYLES, draw_curve, draw_line, draw_points, polyline
+from rattle.plot.restitution import (
+    RestitutionPlane,
+    codimension_two_figure,
+    restitution_figure,
+    restitution_plane,
+)
 from rattle.plot.stiff import stiff_figure
 
 __all__ = [
@@ -41,9 +47,11 @@ __all__ = [
     "Palette",
     "PaperFigure",
     "Request",
+    "RestitutionPlane",
     "StiffRequest",
     "areas_figure",
     "branch_figure",
+    "codimension_two_figure",
     "colour",
     "crisis_figure",
     "curves_along",
@@ -62,6 +70,8 @@ __all__ = [
     "parse",
     "polyline",
     "request",
+    "restitution_figure",
+    "restitution_plane",
     "save",
     "stiff_figure",
     "stiff_request",

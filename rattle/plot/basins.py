@@ -20,9 +20,10 @@ from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrapped
 from rattle.impacting.gear import Gear
-from rattle.models import AnyGear, Capability, model_of
+from rattle.models import AnyGear, Capability, model_of, with_harmonics
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import NAMES, Orbit
+from rattle.parameters import Harmonic
 from rattle.plot.colours import Palette, legend_name, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
@@ -148,6 +149,7 @@ def panels(
     resolution: int = RESOLUTION,
     tau: Range = None,
     v: Range = None,
+    harmonics: Sequence[Harmonic] = (),
     **added: float | None,
 ) -> Drawing:
     """Draw Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
@@ -157,8 +159,11 @@ def panels(
     resolution : int
         Cells a side.
     tau, v : Range
-        Ranges (low, high), by default the plane of `Gear.basins`. added: what a model adds, by name; by default it is
-        the impacting model.
+        Ranges (low, high), by default the plane of `Gear.basins`.
+    harmonics : sequence of (int, float, float)
+        Of a model that takes them, beside the first: see `rattle.Gear`.
+    **added : float, optional
+        What a model adds, by name; by default it is the impacting model.
 
     Returns
     -------
@@ -171,7 +176,7 @@ def panels(
         If an argument is outside its domain.
     """
     require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
-    model = model_of(beta, **added)
+    model = with_harmonics(model_of(beta, **added), harmonics)
     gears = [model.gear(delta, each) for each in epsilon]
     columns = next(n for n in (1, 2, 3) if n * n >= len(gears))
     rows = -(-len(gears) // columns)

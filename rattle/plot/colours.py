@@ -73,10 +73,31 @@ def _label(motion: Motion) -> str | Label:
     )
 
 
-def legend_name(motion: Motion) -> str:
-    """Return the legend's name of a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
+def legend_name(motion: Motion, contacts: int | None = None) -> str:
+    """Return the legend's name of a motion: P(m,n₊,n₋) or P(m,n₊,n₋;c) in plain digits, or its kind.
+
+    Parameters
+    ----------
+    motion : Attractor, (m, n_plus, n_minus) or str
+        The motion.
+    contacts : int, optional
+        Its contact phases; by default those of an attractor.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Raises
+    ------
+    ParameterError
+        It is no motion.
+    """
     label = _label(motion)
-    return label if isinstance(label, str) else f"P({','.join(map(str, label))})"
+    if isinstance(label, str):
+        return label
+    phases = getattr(motion, "contacts", 0) if contacts is None else contacts
+    return f"P({','.join(map(str, label))}{f';{phases}' if phases else ''})"
 
 
 def order(motion: Motion) -> tuple[int, tuple[int, ...]]:

@@ -71,10 +71,14 @@ def blocks(delta: Array, count: int) -> list[slice]:
 
 def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
     """Σv²/2 per revolution of what so many samples of each gear come to, (n, count), rising, NaN last."""
-    tau, v = states(plan, points, count, seed)
-    table, row, cells, how = follow_gears(points, tau, v, plan.budget)
-    energy = intensities_of(table, cells, how).energy
-    return np.sort(np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
+    found = np.empty((points.parameters.size, count))
+    for rows, few in points.by_shape():
+        tau, v = states(plan, few, count, seed)
+        table, row, cells, how = follow_gears(few, tau, v, plan.budget)
+        energy = intensities_of(table, cells, how).energy
+        told = np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)
+        found[rows] = np.sort(told[row].reshape(tau.shape), axis=1)
+    return found
 
 
 def follow_gears(

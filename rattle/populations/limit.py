@@ -14,19 +14,33 @@ from rattle.attractors.speeds import LARGEST_BUDGET, NATURAL, sampled_speeds
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
 from rattle.flight.forcing import least_damping
 from rattle.impacting.orbits.limits import quiet_limit
-from rattle.machine import Machine
+from rattle.machine.forcing import AMPLITUDES
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
-from rattle.models import MODELS, Capability
+from rattle.models import MODELS, Capability, Inelastic, gear_at
 from rattle.numerics.sampling import initial_conditions, wilson_interval
+from rattle.parameters import Parameters
 from rattle.populations.gears import follow_gears
 from rattle.populations.plan import LARGEST_SEED, MOST_SHARE
-from rattle.populations.tolerances import is_machine, points_of, require_known
+from rattle.populations.tolerances import (
+    ERROR,
+    HARMONIC,
+    is_machine,
+    machine_of,
+    model_of_numbers,
+    points_of,
+    require_known,
+)
 
 #: What may be asked for, and whether small ones are the safe ones.
 SAFE_IF_SMALL = {
     **dict.fromkeys(("epsilon", "eccentricity", "beta", "backlash", "rpm"), True),
-    **dict.fromkeys(("delta", "drag"), False),
+    **dict.fromkeys(("restitution", *AMPLITUDES), True),
+    **dict.fromkeys(("delta", "drag", "load", "load_torque"), False),
 }
+#: What limits one cosine by closed forms.
+OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
+#: What begins at 0: scanned in even steps.
+FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
 SCANNED, FEW = 32, 256  # values that are looked at first, and samples of each
 MOST_COUNT = 65_536
 SPAN = 100.0  # of values other than eccentricities
@@ -57,7 +71,9 @@ def design_limit(
 ) -> Limit:
     """Return the limit of a number up to which a gear runs quietly with probability `share`, there and at safer ones.
 
-    The largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
+    The largest epsilon, beta or restitution (eccentricity, mesh_error and other amplitudes, backlash, rpm of a
+    machine), the least delta or load (drag, load_torque). harmonic_20 is the amplitude of that order over the first,
+    error_20 that of a machine in m.
 
     The probability is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED
     values are looked at from the safe side on, by default to where nothing is quiet; between two of them the limit is
@@ -105,6 +121,21 @@ def design_limits(
     return [design_limit({**given, over: value}, of, share, **more) for value in values]
 
 
+def is_order(name: str) -> bool:
+    """Return whether a number is the amplitude of an order, harmonic_20 or error_20."""
+    return bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
+
+
+def is_safe_if_small(name: str) -> bool:
+    """Return whether small values of a number are the safe ones."""
+    return SAFE_IF_SMALL.get(name, True)
+
+
+def cannot_rest(at: Parameters) -> bool:
+    """Return whether teeth of a gear of any forcing cannot stay together: ε is at its quiet limit or above."""
+    return gear_at(at).quiet_limit <= float(at.epsilon[0])
+
+
 class Excess(NamedTuple):
     """A share of quiet runs less what is asked: as found, and at both ends of its interval."""
 
@@ -126,7 +157,8 @@ class _Solver:
         seed: int,
         budget: int,
     ) -> None:
-        require_one_of("of", of, SAFE_IF_SMALL)
+        if not is_order(of):
+            require_one_of("of", of, SAFE_IF_SMALL)
         self.share = require_number("share", share, positive=True)
         require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
         self.count = require_integer("count", count, 1, MOST_COUNT)
@@ -145,16 +177,30 @@ class _Solver:
                 require_number(name, value)
         low, high = self._range() if between is None else require_pair("between", between)
         require(0.0 <= low < high, f"between must be two numbers, the first below the second, got {low:g} and {high:g}")
-        require(low > 0.0 or of in ("epsilon", "eccentricity"), f"{of} must be above 0: begin the range there")
-        even = of in ("epsilon", "eccentricity")
+        require(low > 0.0 or self.from_zero, f"{of} must be above 0: begin the range there")
+        even = self.from_zero
         scanned = np.linspace(low, high, SCANNED + 1)[1:] if even else np.geomspace(low, high, SCANNED)
-        self.scanned = scanned if SAFE_IF_SMALL[of] else scanned[::-1]
+        self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
         self._require_machine()
         self.known: dict[tuple[float, int | None], Excess] = {}
 
     def _range(self) -> tuple[float, float]:
         """From the safe end to where nothing is quiet, or SPAN times about the damping."""
         of, given = self.of, self.given
+        if of == "restitution":
+            return 0.0, 1.0
+        if of in ("load", "load_torque"):
+            drag = given["drag"] * given["rpm"] * RPM if of == "load_torque" else 1.0
+            edge = self._edge(drag)
+            return (0.99 * edge if self._is_beyond(0.98 * edge) else edge / SPAN), edge * SPAN
+        if of not in OF_ONE_COSINE or self._is_inelastic():
+            if of in FROM_ZERO or is_order(of):
+                unit = self._widest() if is_machine({**given, of: 0.0}) else 1.0
+                return 0.0, min(self._edge(unit), self._widest())
+            if of in ("rpm", "delta", "drag"):
+                edge = self._edge(1.0)
+                least, most = edge / SPAN, edge * SPAN
+                return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (0.99 * edge, most)
         if of in ("epsilon", "eccentricity"):
             points = points_of({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
@@ -172,6 +218,34 @@ class _Solver:
             return end / SPAN, min(end, IMPOSSIBLE / (given["radius"] * RPM))
         return 1.0 / end, SPAN / end
 
+    def _is_inelastic(self) -> bool:
+        return model_of_numbers({**self.given, self.of: 0.5}) is Inelastic
+
+    @property
+    def from_zero(self) -> bool:
+        """True if it may be 0."""
+        return self.of in FROM_ZERO or is_order(self.of)
+
+    def _is_beyond(self, value: float) -> bool:
+        """Return whether teeth cannot stay together at a value: the force between them changes its sign."""
+        ((_, few),) = points_of({**self.given, self.of: np.array([value])}).by_shape()
+        return cannot_rest(few.parameters)
+
+    def _edge(self, unit: float) -> float:
+        """Return the value, of a number that has a unit like this, at which teeth can just stay together."""
+        safe = is_safe_if_small(self.of)
+        values = unit * np.geomspace(1e-9, 1e9, 181)
+        beyond = np.array([self._is_beyond(float(value)) for value in values])
+        if not beyond.any():
+            return unit
+        last = int(np.argmax(beyond)) if safe else int(np.argmin(beyond))
+        require(last > 0, f"teeth cannot stay together at any {self.of}: make an eccentricity or an error smaller")
+        low, high = float(values[last - 1]), float(values[last])
+        for _ in range(40):
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if self._is_beyond(middle) == safe else (middle, high)
+        return high
+
     def _widest(self) -> float:
         """Return the widest backlash or eccentricity of a machine."""
         return float(WIDEST * self.given.get("radius", math.inf))
@@ -180,7 +254,7 @@ class _Solver:
         """Raise ParameterError on numbers of a machine that can only be in other units."""
         if is_machine({self.of: 0.0, **self.given}):
             for value in (self.scanned.min(), self.scanned.max()):
-                Machine(**{**self.given, self.of: float(value)})
+                machine_of({**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
         """Return the samples, of so many, that end quietly, and those that may.
@@ -195,6 +269,10 @@ class _Solver:
         points = points_of({**self.given, self.of: np.array([value])})
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
+            return 0, 0
+        ((_, points),) = points.by_shape()
+        at = points.parameters
+        if at.model == Inelastic.name and cannot_rest(at):
             return 0, 0
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
@@ -217,7 +295,7 @@ class _Solver:
         """Return the limit, and the ends of its interval."""
         last = self._first_too_much()
         (inside, outside), (sure, _), (_, possible) = (self._crossing(which, last) for which in Excess._fields)
-        low, high = (sure, possible) if SAFE_IF_SMALL[self.of] else (possible, sure)
+        low, high = (sure, possible) if is_safe_if_small(self.of) else (possible, sure)
         return Limit(0.5 * (inside + outside), low, high)
 
     def _first_too_much(self) -> int:
@@ -241,7 +319,7 @@ class _Solver:
 
         def positive(i: int) -> bool:
             if i < 0:
-                return self.of in ("epsilon", "eccentricity")  # without one, everything is quiet
+                return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()  # without, all is quiet
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 
         after = near

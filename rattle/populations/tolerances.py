@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,42 +13,75 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import ParameterError, did_you_mean, require, require_number
 from rattle.machine import Machine, Units, conversion
-from rattle.machine.given import RPM
-from rattle.models import ADDED, OTHERS, Model, model_adding
-from rattle.parameters import BETA, Parameters
+from rattle.machine.forcing import AMPLITUDES, PairForcing
+from rattle.machine.given import DRIVEN, RPM
+from rattle.machine.given import MAY_BE_ZERO as MACHINE_MAY_BE_ZERO
+from rattle.machine.point import machine_point
+from rattle.models import ADDED, OTHERS, Inelastic, Model, model_adding
+from rattle.parameters import BETA, Harmonic, Parameters
 from rattle.populations.copula import Copula, correlation_of, shares
 from rattle.populations.distributions import Distribution, Normal, distribution_of
 
 DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
 #: Of a machine: what makes a parameter that a model adds, by the name of that.
 MAKING = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
-OF_MACHINE = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm", *MAKING.values())
-OPTIONAL = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *MAKING.values()))}
-MAY_BE_ZERO = ("epsilon", "eccentricity")
+NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")
+SECOND = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
+OF_MACHINE = (*NEEDED, *MAKING.values(), *SECOND)
+OF_EITHER = ("restitution",)  # no dimension, so a machine has it too
+OPTIONAL = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *OF_MACHINE[len(NEEDED) :]))}
+FIXED = ("drive", "teeth", "driven_teeth")  # these do not vary
+MAY_BE_ZERO = ("epsilon", "load", *MACHINE_MAY_BE_ZERO)
+#: The amplitude of a harmonic of this order beside the first, of a gear without a machine: harmonic_20 and so on.
+HARMONIC = re.compile(r"harmonic_([1-9]\d{0,2})")
+#: The same of a machine, in m, by order of the revolution of the first gear.
+ERROR = re.compile(r"error_([1-9]\d{0,2})")
 
 Array = NDArray[np.float64]
 
 
 class Points(NamedTuple):
-    """Gears as points of the model (n,), units None without a machine."""
+    """Gears as points of the model (n,), units None without a machine.
+
+    shapes (n,): the harmonics of each beside the first, tuples; None where no gear has any.
+    """
 
     parameters: Parameters
     units: Units | None
+    shapes: NDArray[np.object_] | None = None
 
     def some(self, which: Any) -> Points:
         """Return those of an index or a mask."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
-        return Points(self.parameters.take(which), units)
+        return Points(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
+
+    def by_shape(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
+        """Return the gears that have the same harmonics together, with their indices: kernels take one shape."""
+        if self.shapes is None:
+            yield np.arange(self.parameters.size), self
+            return
+        rows: dict[tuple[Harmonic, ...], list[int]] = {}
+        for row, harmonics in enumerate(self.shapes):
+            rows.setdefault(harmonics, []).append(row)
+        for harmonics, which in rows.items():
+            index = np.array(which)
+            few = self.some(index)
+            yield index, few._replace(parameters=few.parameters.with_harmonics(harmonics), shapes=None)
 
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
     """The numbers of a gear, each one number or a distribution (or its text, see `distribution_of`), by name.
 
-    Dimensionless: delta, epsilon, beta (0.6), and what a model adds. Or of a `Machine`: inertia, drag, backlash,
-    eccentricity, radius, rpm, stiffness, and drive. correlation: a matrix of the normal numbers that the ranks of
-    those that vary stand for, in the order in which they are listed here. Raises ParameterError.
+    Dimensionless: delta, epsilon, beta (0.6), what a model adds, and harmonic_20, the amplitude of order 20 over that
+    of the first harmonic. Or of a `Machine`: inertia, drag, backlash, eccentricity, radius, rpm, stiffness,
+    load_torque,
+    those of its second gear, mesh_error, error_20 (m, of order 20 of the first gear's revolution) and drive. Either has
+    restitution. Phases are 0.
+
+    correlation: a matrix of the normal numbers that the ranks of those that vary stand for, in the order in which they
+    are listed here. Raises ParameterError.
     """
 
     given: Mapping[str, Any]
@@ -57,7 +91,9 @@ class Tolerances:
         """Check and convert the fields."""
         given = {name: value for name, value in self.given.items() if value is not None}
         require_known(given)
-        read = {name: _read(name, given[name]) for name in (*DIMENSIONLESS, *OF_MACHINE, "drive") if name in given}
+        order = (*DIMENSIONLESS, *OF_MACHINE, "drive")
+        names = [*(name for name in order if name in given), *sorted(set(given).difference(order))]
+        read = {name: _read(name, given[name]) for name in names}
         object.__setattr__(self, "given", read)
         require(bool(self.names), "nothing varies: give a distribution for one of the numbers at least")
         matrix = correlation_of(self.correlation, self.names)
@@ -68,15 +104,15 @@ class Tolerances:
         """Raise ParameterError where what may be drawn is no gear, or can only be in other units."""
         low, high = ({name: ends[i] for name, ends in self._ranges.items()} for i in (0, 1))
         for name, least in low.items():
-            inside = least >= 0.0 if name in MAY_BE_ZERO else least > 0.0
+            inside = least >= 0.0 if may_be_zero(name) else least > 0.0
             require(inside, self._below_zero(name, least))
         if not is_machine(self.given):
             return
         for ends in (high | {"radius": low["radius"]}, low | {"radius": high["radius"], "rpm": high["rpm"]}):
-            Machine(**ends, drive=self.given.get("drive", "torque"))
+            machine_of({**ends, "drive": self.given.get("drive", "torque")})
 
     def _below_zero(self, name: str, least: float) -> str:
-        limit = "0" if name in MAY_BE_ZERO else "a number above 0"
+        limit = "0" if may_be_zero(name) else "a number above 0"
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"
             if isinstance(self.given[name], Normal)
@@ -130,62 +166,91 @@ def points_of(given: Mapping[str, Any]) -> Points:
     ParameterError
         If an argument is outside its domain.
     """
-    numbers = {**OPTIONAL, **given}
+    numbers = {name: value for name, value in given.items() if value is not None}
     if not is_machine(given):
-        return _points({name: numbers[name] for name in DIMENSIONLESS}, None)
-    inertia, radius, drive = numbers["inertia"], numbers["radius"], given.get("drive", "torque")
-    speed = numbers["rpm"] * RPM
-    found = {
-        "delta": conversion.damping(inertia, numbers["drag"], speed),
-        "epsilon": conversion.over_radius(numbers["eccentricity"], radius, drive),
-        "beta": conversion.half_backlash(numbers["backlash"], radius, drive),
-    }
-    for name, number in MAKING.items():
-        make = ADDED[name].of_machine
-        if make is not None and numbers[number] is not None:
-            found[name] = make(numbers[number], inertia, radius, speed, conversion.DRIVES[drive])
-    return _points(found, conversion.units(inertia, radius, speed, drive))
+        own = {**{name: OPTIONAL[name] for name in (BETA.name, *ADDED)}, **numbers}
+        orders = orders_of(numbers, HARMONIC)
+        return _points({name: own[name] for name in DIMENSIONLESS}, None, {k: (own[name], 0.0) for k, name in orders})
+    errors = [(order, numbers[name], 0.0) for order, name in orders_of(numbers, ERROR)]
+    at = machine_point(numbers, numbers["rpm"] * RPM, errors)
+    rows = zip(at.forcing.orders, at.forcing.relative, at.forcing.phase, strict=True)
+    shape = {order: (size, phase) for order, size, phase in rows} if len(at.forcing.orders) > 1 else {}
+    return _points({"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}, at.units, shape)
+
+
+def machine_of(numbers: Mapping[str, Any]) -> Machine:
+    """Return the machine of numbers by the names of this room. Raises ParameterError."""
+    given = {name: value for name, value in numbers.items() if not ERROR.fullmatch(name)}
+    errors = [(order, numbers[name], 0.0) for order, name in orders_of(numbers, ERROR)]
+    return Machine(**given, errors=errors)
+
+
+def orders_of(given: Mapping[str, Any], pattern: re.Pattern[str]) -> list[tuple[int, str]]:
+    """Return the orders of amplitudes that are given by such names, with the names."""
+    return sorted((int(found[1]), name) for name in given if (found := pattern.fullmatch(name)))
+
+
+def may_be_zero(name: str) -> bool:
+    """Return whether a number of a gear may be 0."""
+    return name in MAY_BE_ZERO or bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
 def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
     """Return the model of a gear with these numbers, dimensionless or a machine's."""
-    return model_adding(
-        name for name in ADDED if given.get(name) is not None or given.get(MAKING.get(name, "")) is not None
-    )
+    shaped = any(name in AMPLITUDES or HARMONIC.fullmatch(name) or ERROR.fullmatch(name) for name in given)
+    named = {name for name in ADDED if given.get(name) is not None or given.get(MAKING.get(name, "")) is not None}
+    if shaped or named & {each.name for each in Inelastic.added}:
+        named |= {each.name for each in Inelastic.added}
+    return model_adding(named)
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
     """Return whether numbers are a machine's."""
-    return any(name in OF_MACHINE for name in given)
+    return any(name in OF_MACHINE or ERROR.fullmatch(name) for name in given)
 
 
 def require_known(given: Mapping[str, Any]) -> None:
     """Raise ParameterError unless these are all numbers of a gear, of one kind."""
     require("speed" not in given, "give the mean speed as rpm, in revolutions per minute")
+    own = [name for name in given if name in DIMENSIONLESS or HARMONIC.fullmatch(name)]
+    of_machine = [name for name in given if name in (*OF_MACHINE, "drive") or ERROR.fullmatch(name)]
     for name in given:
         known = *DIMENSIONLESS, *OF_MACHINE, "drive"
         require(
-            name in known,
+            name in own or name in of_machine,
             f"a gear has no {name}: it has {', '.join(DIMENSIONLESS)}, or {', '.join(known[len(DIMENSIONLESS) :])}"
             f"{did_you_mean(name, known)}",
         )
-    both = [[name for name in given if name in names] for names in (DIMENSIONLESS, (*OF_MACHINE, "drive"))]
-    if all(both):
+        if name in FIXED[1:]:
+            require_number(name, given[name], positive=True)
+    plain = [name for name in own if name not in OF_EITHER]
+    if plain and of_machine:
         raise ParameterError(
-            f"{' and '.join(both[0])} and a machine's {' and '.join(both[1])} say it twice: give one of both"
+            f"{' and '.join(plain)} and a machine's {' and '.join(of_machine)} say it twice: give one of both"
         )
-    lacking = [
-        name for name in (OF_MACHINE if both[1] else DIMENSIONLESS) if name not in given and name not in OPTIONAL
-    ]
+    lacking = [name for name in (NEEDED if of_machine else ("delta", "epsilon")) if name not in given]
     require(not lacking, f"{' and '.join(lacking)} must be given too")
     drive = given.get("drive", "torque")
     require(drive in conversion.DRIVES, f"drive must be torque or speed, got {drive!r}")
 
 
-def _points(numbers: Mapping[str, Any], units: Units | None) -> Points:
+def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int, tuple[Any, Any]]) -> Points:
+    """Return gears; shape: amplitude over ε and phase of harmonics by order, arrays."""
     given = {name: value for name, value in numbers.items() if value is not None}
+    if shape or any(each.name in given for each in Inelastic.added):
+        given = {"restitution": 1.0, "load": 0.0, **given}
     model = model_adding(name for name in given if name in ADDED)
-    return Points(Parameters.of(model.name, **given).take(...), units)
+    numbers_of = {name: given[name] for name in ("delta", "epsilon", "beta")}
+    numbers_of |= {each.name: given[each.name] for each in model.added}
+    at = Parameters.of(model.name, **numbers_of).take(...)
+    if not shape:
+        return Points(at, units)
+    sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in shape.values()] for i in (0, 1))
+    forcing = PairForcing(1.0, 1.0, 1.0, tuple(shape), np.stack(sizes), np.stack(phases))
+    shapes = np.empty(at.shape, object)
+    for row in np.ndindex(at.shape):
+        shapes[row] = forcing.harmonics(row)
+    return Points(at, units, shapes)
 
 
 def _read(name: str, value: Any) -> Distribution | float | str:
@@ -193,9 +258,9 @@ def _read(name: str, value: Any) -> Distribution | float | str:
         return value
     if isinstance(value, str):
         try:
-            return require_number(name, float(value), positive=name not in MAY_BE_ZERO)
+            return require_number(name, float(value), positive=not may_be_zero(name))
         except ParameterError:
             raise
         except ValueError:
             return distribution_of(value)
-    return require_number(name, value, positive=name not in MAY_BE_ZERO)
+    return require_number(name, value, positive=not may_be_zero(name))

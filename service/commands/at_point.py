@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from gear_rattle.service.commands.options import DIMENSIONLESS, NUMBERS, Command, number_options, with_options
+from gear_rattle.service.commands.options import (
+    DIMENSIONLESS,
+    HARMONIC,
+    MACHINE,
+    NUMBERS,
+    Command,
+    number_options,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from rattle import Machine
@@ -24,7 +33,9 @@ class GivenPoint(NamedTuple):
     @property
     def words(self) -> str:
         """Its parameters."""
-        return ", ".join(f"{name} = {value}" for name, value in self.gear.parameters.point().items())
+        words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
+        words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
+        return ", ".join(words)
 
 
 def _argument(name: str) -> Any:
@@ -33,9 +44,26 @@ def _argument(name: str) -> Any:
 
 #: All None by default, so that a point is given in one of the two ways.
 OPTIONS: dict[str, Any] = {
-    **number_options(float, panel="A machine, two equal gears, in SI units, instead of DELTA and EPSILON"),
+    **number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
+    "transmission_error": Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Measured transmission error over whole revolutions, instead of --eccentricity: a column angle_deg, "
+            "angle_rad or angle_rev, and one error_um, error_mm or error_m.",
+            rich_help_panel=MACHINE,
+            show_default=False,
+        ),
+    ],
+    "orders": Annotated[
+        int | None,
+        typer.Option(help="Highest order of --transmission-error.", rich_help_panel=MACHINE, show_default="40"),
+    ],
     "delta": _argument("delta"),
     "epsilon": _argument("epsilon"),
+    "harmonic": Annotated[
+        list[str] | None, typer.Option(metavar="ORDER:AMPLITUDE:PHASE", help=HARMONIC, show_default="none")
+    ],
 }
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # of a machine
 
@@ -57,27 +85,36 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
 
 def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     """Return the point that OPTIONS describe, in one of the two ways."""
+    harmonics = given.pop("harmonic", None) or ()
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
+    if set(machine) - {"rpm"} and "restitution" in plain:
+        machine["restitution"] = plain.pop("restitution")
     if set(machine) - {"rpm"} or (machine and not timed):
-        return _machine_point(plain, machine)
+        return _machine_point(plain | ({"harmonic": harmonics} if harmonics else {}), machine)
     if not {"delta", "epsilon"} <= set(plain):
         raise typer.BadParameter("give DELTA and EPSILON, or a machine: --inertia, --drag, and so on")
 
+    from gear_rattle.service.harmonics import read_harmonics
     from rattle.errors import require_number
-    from rattle.models import model_of
+    from rattle.models import model_of, with_harmonics
 
     rpm = given.get("rpm")
     delta, epsilon = plain.pop("delta"), plain.pop("epsilon")
-    gear = model_of(**plain).gear(delta, epsilon)
+    gear = with_harmonics(model_of(**plain), read_harmonics(harmonics)).gear(delta, epsilon)
     return GivenPoint(gear, None, None if rpm is None else require_number("rpm", rpm, positive=True))
 
 
-def _machine_point(plain: dict[str, float], machine: dict[str, Any]) -> GivenPoint:
+def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint:
     if plain:
         raise typer.BadParameter(
             f"{' and '.join(plain)} and a machine's {' and '.join(machine)} are two ways to say it: give one"
         )
+    curve, orders = machine.pop("transmission_error", None), machine.pop("orders", None)
+    if curve is not None:
+        machine = {**machine, **_measured(curve, orders, machine)}
+    elif orders is not None:
+        raise typer.BadParameter("--orders is of a measured curve: give --transmission-error too")
     missing = [f"--{name}" for name in NEEDED if name not in machine]
     if missing:
         raise typer.BadParameter(f"a machine needs {' and '.join(missing)} too")
@@ -86,3 +123,14 @@ def _machine_point(plain: dict[str, float], machine: dict[str, Any]) -> GivenPoi
 
     found = Machine(**machine)
     return GivenPoint(found.gear, found, found.rpm)
+
+
+def _measured(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
+    """Return the errors of a measured curve, and print what it leaves out."""
+    from rattle import read_transmission_error
+
+    if "eccentricity" in machine:
+        raise typer.BadParameter("--transmission-error has the eccentricity: leave out --eccentricity")
+    found = read_transmission_error(curve) if orders is None else read_transmission_error(curve, orders)
+    typer.echo(f"{curve}: {found}")
+    return {"eccentricity": 0.0, "errors": found.harmonics}

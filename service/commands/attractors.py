@@ -35,12 +35,21 @@ def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> t
 
 def attractor_name(attractor: Attractor) -> str:
     """Its label, or its kind."""
-    label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus})"
+    phases = f"; {attractor.contacts}" if attractor.contacts else ""
+    label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus}{phases})"
     return label if attractor.kind == "periodic" else attractor.kind
 
 
 @at_point()
-def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
+def attractors(
+    point: GivenPoint,
+    count: Sample = 64,
+    v_max: SpeedLimit = None,
+    seed: Seed = 0,
+    verdict: Annotated[
+        bool, typer.Option("--verdict", help="Print in one line whether a machine rattles, and nothing else.")
+    ] = False,
+) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
     The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the
@@ -51,6 +60,11 @@ def attractors(point: GivenPoint, count: Sample = 64, v_max: SpeedLimit = None, 
     from rich.table import Table
 
     machine = point.machine
+    if verdict:
+        if machine is None:
+            raise typer.BadParameter("--verdict is of a machine: give --inertia, --drag, and so on")
+        typer.echo(str(machine.verdict(count, seed)))
+        return
     console = Console(highlight=False, width=WIDTH)
     console.print(point.words)
     columns = ("energy", "+-") if machine is None else ("W", "+-", "dB re 1 pW")

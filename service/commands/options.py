@@ -19,7 +19,7 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 
 Command = Callable[..., None]
 NO_NUMBERS: Mapping[str, Any] = MappingProxyType({})
-MACHINE = "A machine, two equal gears, in SI units, instead of delta, epsilon and beta"
+MACHINE = "A machine in SI units (two equal gears, or with --driven-… unlike ones), instead of delta, epsilon and beta"
 NONE = "none: the impacting model"
 METRES = "in m along the line of action"
 #: The numbers of a gear: what each is, and the default that is shown. Those after what models add are a machine's.
@@ -28,8 +28,14 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
     "epsilon": ("Eccentricity.", False),
     "beta": ("Half-backlash.", "0.6"),
     **{each.name: (f"{each.described} (selects the {each.model} model).", NONE) for each in added().values()},
-    "inertia": ("Moment of inertia of each gear and its shaft, in kg m².", False),
-    "drag": ("Drag torque of each gear over its speed, in N m s/rad.", False),
+    "inertia": (
+        "Moment of inertia of each gear and its shaft, in kg m²; of the first one if --driven-inertia is given.",
+        False,
+    ),
+    "drag": (
+        "Drag torque of each gear over its speed, in N m s/rad; of the first one if --driven-drag is given.",
+        False,
+    ),
     "backlash": (f"Backlash, {METRES}.", False),
     "eccentricity": (f"Amplitude of the transmission error once a revolution, {METRES}.", False),
     "radius": ("Radius of the base circle, in m.", False),
@@ -40,7 +46,20 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
         for each in added().values()
         if each.machine_number is not None
     },
+    "driven_inertia": ("Moment of inertia of the second gear, in kg m².", "that of the first"),
+    "driven_drag": ("Drag torque of the second gear over its speed, in N m s/rad.", "that of the first"),
+    "driven_radius": ("Radius of the second gear's base circle, in m.", "by the tooth numbers"),
+    "teeth": ("Number of teeth of the first gear.", False),
+    "driven_teeth": ("Number of teeth of the second gear.", "that of the first"),
+    "driven_eccentricity": (f"Transmission error once a revolution of the second gear, {METRES}.", "0"),
+    "mesh_error": (f"Transmission error once a tooth, {METRES}.", "0"),
+    "mesh_error_2": (f"Transmission error twice a tooth, {METRES}.", "0"),
+    "mesh_error_3": (f"Transmission error three times a tooth, {METRES}.", "0"),
 }
+HARMONIC = (
+    "A harmonic of the forcing beside the first: its order, amplitude over that of the first, and phase in turns. "
+    "Repeatable. Needs --restitution, 1 of which is an elastic impact."
+)
 DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gear_rattle.service.commands.options import MACHINE, NUMBERS, Budget, Command, Name, number_options, with_options
+from gear_rattle.service.commands.options import (
+    HARMONIC,
+    MACHINE,
+    NUMBERS,
+    Budget,
+    Command,
+    Name,
+    number_options,
+    with_options,
+)
 from gear_rattle.service.declared import added
 
 if TYPE_CHECKING:
@@ -14,7 +23,8 @@ if TYPE_CHECKING:
 
 AXIS = "START:STOP:NUM"
 EVENLY = "evenly spaced values, both ends included."
-SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", "rpm", "eccentricity")
+SECOND_GEAR = ("driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
+SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", *SECOND_GEAR, "rpm", "eccentricity")
 
 
 def _option(kind: Any, text: str, **more: Any) -> Any:
@@ -41,6 +51,7 @@ OPTIONS: dict[str, Any] = {
         )
         for name, each in added().items()
     },
+    "harmonic": _option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
     "count": _option(int, "Number of initial conditions per cell."),
     "v_max": _option(
         str,
@@ -158,6 +169,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     try:
         fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
+        machine |= {name: int(machine[name]) for name in ("teeth", "driven_teeth") if name in machine}
         fields |= {name: _number_or_axis(f"--{name}", text) for name, text in taken("beta", *added()).items()}
         if "v_max" in sample:
             sample["v_max"] = read_speed(sample["v_max"])
@@ -166,6 +178,10 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
                 fields["model"] = each.model
         if "tile" in fields:
             fields["tile"] = _tile(fields["tile"])
+        if harmonics := fields.pop("harmonic", None):
+            from gear_rattle.service.harmonics import read_harmonics
+
+            fields["harmonics"] = read_harmonics(harmonics)
         if quantities := fields.pop("quantity", None):
             fields["quantities"] = tuple(quantities)
         if machine:

@@ -9,7 +9,7 @@ from typing import Any
 import rattle
 from gear_rattle.service.operations.diagrams import COUNT, STEPS, Pair
 from rattle import Machine
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, Capability, model_at
 
 STARTS, SIDE = 1024, 300  # initial conditions of the attractors; cells of the basins a side
 PACKAGE = "gear-rattle"
@@ -63,11 +63,13 @@ def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> I
     yield "title", "markdown", made
     yield "point", "code", _point(gear, machine)
     yield "fineness", "code", FINENESS.format(starts=STARTS, side=SIDE, steps=STEPS, count=COUNT)
-    yield "orbits", "code", "print('region', rattle.REGIONS[gear.region()])\ngear.orbits()"
+    region = "" if gear.parameters.harmonics else "print('region', rattle.REGIONS[gear.region()])\n"
+    yield "orbits", "code", f"{region}gear.orbits()"
     yield "attractors", "code", "attractors = gear.attractors(starts)\nattractors"
     yield "basins", "code", BASINS
-    yield "diagram", "code", DIAGRAM.format(start=ends[0], end=ends[1])
-    yield "events", "code", "diagram.events"
+    if Capability.DIAGRAMS in model_at(gear).has:
+        yield "diagram", "code", DIAGRAM.format(start=ends[0], end=ends[1])
+        yield "events", "code", "diagram.events"
 
 
 def _point(gear: AnyGear, machine: Machine | None) -> str:
@@ -80,8 +82,13 @@ def _point(gear: AnyGear, machine: Machine | None) -> str:
     model = model_at(gear)
     parameters = ", ".join([repr(gear.beta), *(f"{each.name}={model.numbers[each.name]!r}" for each in model.added)])
     names = ", ".join(each.long_name for each in model.parameters())
+    made = f"model = model_of({parameters})  # {names}\n"
+    imported = "model_of"
+    if harmonics := gear.parameters.harmonics:
+        imported += ", with_harmonics"
+        made += f"model = with_harmonics(model, {list(harmonics)!r})\n"
     return (
-        "import rattle\nfrom rattle.models import model_of\n\n"
-        f"model = model_of({parameters})  # {names}\n"
+        f"import rattle\nfrom rattle.models import {imported}\n\n"
+        f"{made}"
         f"gear = model.gear({gear.delta!r}, {gear.epsilon!r})\ngear"
     )

@@ -60,10 +60,11 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
     """Return the body of `GET /v1/orbits` for a point, by its gear."""
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         limits = model_at(gear).limits(gear.delta)
-        region, orbits = gear.region(), gear.orbits()
+        region = None if gear.parameters.harmonics else gear.region()  # regions are those of one cosine
+        orbits = gear.orbits()
     return {
         "region": region,
-        "region_name": REGIONS[region],
+        "region_name": None if region is None else REGIONS[region],
         "sn1": _limit(limits.sn1),
         "flip": _limit(limits.flip),
         "quiet_limit": _limit(limits.quiet_limit),

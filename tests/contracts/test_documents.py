@@ -11,12 +11,14 @@ from decimal import Decimal
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from depth import deep
+from scipy.optimize import brentq
 
 import rattle
 from gear_rattle.workers import SurveyRequest
-from rattle import crisis, curves, stiff
+from rattle import crisis, curves, inelastic, stiff
 from rattle.attractors import classify
 from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
 from rattle.continuation.curves import Curve
@@ -56,6 +58,29 @@ def limit_row(name: str, delta: float = 0.6) -> Callable[[], Sequence[float]]:
 def point(name: str) -> tuple[float, float]:
     (found,) = [each for each in curves.codimension_two() if each.name == name]
     return found.delta, found.epsilon
+
+
+def met_at(name: str, r: float) -> tuple[float, float]:
+    return inelastic.follow_codimension_two(name).at(r)
+
+
+def region_shares(r: float) -> list[float]:
+    delta, epsilon = np.meshgrid(np.linspace(0.4, 1.0, 240), np.linspace(0.00125, 0.3, 240))
+    found = inelastic.regions(delta, epsilon, 0.6, r)
+    return [float((found == region).mean()) for region in range(1, 6)]
+
+
+def crosses_the_quiet_limit(name: str) -> float:
+    def above(r: float) -> float:
+        delta, epsilon = met_at(name, r)
+        return epsilon - float(rattle.quiet_limit(delta))
+
+    return float(brentq(above, 0.5, 0.9))
+
+
+def end_of(name: str) -> list[float]:
+    curve = inelastic.follow_codimension_two(name)
+    return [float(each[-1]) for each in (curve.restitution, curve.delta, curve.epsilon)]
 
 
 def mesh(rpm: float) -> float:
@@ -102,6 +127,39 @@ QUICK = [
         "weak-damping.md",
         "lasts π/√(2κ) periods, # % at 3000 rpm and # % at 300",
         lambda: [100 * 3.14159265 / (2 * mesh(rpm)) ** 0.5 for rpm in (3000, 300)],
+    ),
+    *(
+        Claim(
+            "restitution.md",
+            f"| {name} | (#, #) | (#, #) | (#, #) | (#, #) | (#, #) | (#, #) |",
+            lambda name=name: [x for r in (1.0, 0.98, 0.95, 0.9, 0.8, 0.5) for x in met_at(name, r)],
+        )
+        for name in ("COD20", "COD21", "COD23", "COD22")
+    ),
+    *(
+        Claim("restitution.md", f"| {r} | # | # | # | # | # |\n", lambda r=r: region_shares(float(r)))
+        for r in ("1", "0.9", "0.8", "0.6")
+    ),
+    Claim(
+        "restitution.md",
+        "r = 0.9 SN1 is # and the flip #",
+        lambda: [f(0.6, 0.9, 4 * np.pi) for f in (inelastic.saddle_node, inelastic.flip_of_c)],
+    ),
+    Claim(
+        "restitution.md",
+        "At r = # COD22 crosses the quiet limit**, at r = # COD23 does",
+        lambda: [crosses_the_quiet_limit(name) for name in ("COD22", "COD23")],
+    ),
+    Claim("restitution.md", "COD22 ends at r = #**, at (#, #)", lambda: end_of("COD22")),
+    Claim(
+        "restitution.md",
+        "COD22 − COD23 in δ is # at r = 1, # at 0.9 and # at 0.5",
+        lambda: [met_at("COD22", r)[0] - met_at("COD23", r)[0] for r in (1.0, 0.9, 0.5)],
+    ),
+    Claim(
+        "restitution.md",
+        "Their distance in δ is # at r = 1 and largest, #, near r = 0.5; at r = 0.001 it is #",
+        lambda: [met_at("COD23", r)[0] - met_at("COD21", r)[0] for r in (1.0, 0.5, 0.001)],
     ),
 ]
 

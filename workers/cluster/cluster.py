@@ -76,7 +76,7 @@ class WarmKernels(WorkerPlugin):
 
     async def setup(self, worker: Worker) -> None:
         """Warm the kernels of this process. Its heart does not beat by itself yet, and a first compilation is long."""
-        warming = asyncio.create_task(asyncio.to_thread(rattle.precompile, load=True))
+        warming = asyncio.create_task(asyncio.to_thread(rattle.precompile, preload=True))
         while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
             await worker.heartbeat()
         await warming

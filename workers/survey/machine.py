@@ -1,30 +1,34 @@
 """A survey of a machine: which numbers of a pair of gears stay, while its speed and eccentricity are the axes.
 
 β does not depend on either, δ = 2πc/(IΩ) on the speed alone and ε on the eccentricity alone, so a plane of one β is a
-plane of speeds and eccentricities. Even steps of δ are even ones of the time that a revolution takes, not of the speed.
+plane of speeds and eccentricities, also of two unlike gears. Harmonics of the request are over the eccentricity.
+
+Even steps of δ are even ones of the time that a revolution takes, not of the speed.
 """
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from gear_rattle.workers.survey.axes import Axis, Real, Strict, reason
 from rattle import Machine
-from rattle.machine import DRIVES, RPM
+from rattle.machine import RPM, Reduced, machine_point
 
 Part = TypeVar("Part", bound=Strict)
 Positive = Annotated[Real, Field(gt=0)]
+Teeth = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
 #: What of a machine may be given as an axis, and the axis that it becomes.
 AXES = {"rpm": "delta", "eccentricity": "epsilon"}
 
 
 class SurveyedMachine(Strict):
-    """Two equal gears in SI units, as `rattle.Machine` takes them, but for speed, eccentricity and stiffness.
+    """Two gears in SI units, as `rattle.Machine` takes them, but for speed, eccentricity and stiffness.
 
-    inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed".
+    inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed". driven_inertia, driven_drag,
+    driven_radius: of the second gear, by default those of the first. teeth, driven_teeth: tooth numbers.
     """
 
     inertia: Positive
@@ -32,6 +36,16 @@ class SurveyedMachine(Strict):
     backlash: Positive
     radius: Positive
     drive: Literal["torque", "speed"] = "torque"
+    driven_inertia: Positive | None = None
+    driven_drag: Positive | None = None
+    driven_radius: Positive | None = None
+    teeth: Teeth | None = None
+    driven_teeth: Teeth | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
+        """Leave out what is not given: equal gears keep their documents and attributes."""
+        return {name: value for name, value in handler(self).items() if value is not None}
 
     def at(self, rpm: float, eccentricity: float) -> Machine:
         """Return the machine at a speed, with an eccentricity in metres. Raises ParameterError."""
@@ -39,17 +53,23 @@ class SurveyedMachine(Strict):
         return Machine(**given, eccentricity=eccentricity, rpm=rpm)
 
     @property
+    def _pair(self) -> Reduced:
+        """The two gears at a speed of 1 rad/s."""
+        return machine_point({**self.model_dump(), "eccentricity": 0.0}, 1.0).pair
+
+    @property
     def beta(self) -> float:
         """Its half-backlash."""
-        return DRIVES[self.drive] * self.backlash / (2.0 * self.radius)
+        return float(self._pair.scale * self.backlash / (2.0 * self.radius))
 
     def rpm(self, delta: Any) -> Any:
         """Return the speeds at which the damping is δ, in revolutions per minute."""
-        return 2.0 * np.pi * self.drag / self.inertia / delta / RPM
+        pair = self._pair
+        return 2.0 * np.pi * pair.drag / pair.inertia / delta / RPM
 
     def eccentricity(self, epsilon: Any) -> Any:
         """Return the eccentricities that are ε, in metres along the line of action."""
-        return epsilon * self.radius / DRIVES[self.drive]
+        return epsilon * self.radius / self._pair.scale
 
 
 def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:

@@ -26,7 +26,18 @@ from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, group
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from gear_rattle.workers.survey.version import code_version
 from rattle.attractors import BUDGET, LARGEST_BUDGET, NATURAL, PAPER_SPEED, PERIODS, WATCH, SampleSpec, in_paper_plane
-from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Capability, Model, Parameter, model_of, owner_of
+from rattle.models import (
+    ADDED,
+    BETA,
+    DEFAULT_MODEL,
+    MODELS,
+    Capability,
+    Model,
+    Parameter,
+    model_of,
+    owner_of,
+    with_harmonics,
+)
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
@@ -116,7 +127,8 @@ class _Head(Strict):
 def _kind_of(parameter: Parameter) -> Any:
     """Return the type of the field of what a model adds: a number, or an axis where it may be one."""
     most = parameter.greatest if math.isfinite(parameter.greatest) else None
-    number: Any = Annotated[Real, Field(gt=0, le=most)]
+    least: Any = {"ge": 0} if parameter.may_be_zero else {"gt": 0}
+    number: Any = Annotated[Real, Field(le=most, **least)]
     return Annotated[number | Axis, NumberOrAxis] | None if parameter.is_axis else number | None
 
 
@@ -141,7 +153,9 @@ class SurveyRequest(_Numbers):
     families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
     "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells first, and more where what exists
     differs between them; true, or {"audit": the share of filled cells that are computed all the same, "bound": the
-    upper bound of the wrong share of filled cells that has to be met}. certify: prove the periodic attractors, into a
+    upper bound of the wrong share of filled cells that has to be met}. harmonics: of a model that takes them, [order,
+    amplitude over that of the first harmonic, phase in turns] of each beside the first.
+    certify: prove the periodic attractors, into a
     store of certificates beside the survey's.
     """
 
@@ -153,6 +167,7 @@ class SurveyRequest(_Numbers):
     slots_by: Literal["fraction", "family"] | None = None
     tile: TileShape = TileShape()
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
+    harmonics: tuple[tuple[int, Real, Real], ...] = ()
     machine: SurveyedMachine | None = None
     refine: Annotated[Refine | None, RefineOrNot] = None
     certify: Annotated[bool, Field(strict=True)] = False
@@ -184,7 +199,8 @@ class SurveyRequest(_Numbers):
     def _positive(cls, value: float | Axis | None, info: ValidationInfo) -> float | Axis | None:
         if not isinstance(value, Axis):
             return value
-        if value.start <= 0:
+        may_be_zero = info.field_name in ADDED and ADDED[info.field_name].may_be_zero
+        if value.start < 0 or (value.start == 0 and not may_be_zero):
             raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
         most = math.inf if info.field_name not in ADDED else ADDED[info.field_name].greatest
         if value.stop > most:
@@ -198,8 +214,18 @@ class SurveyRequest(_Numbers):
     def _by_model(cls, given: Any) -> Any:
         """Leave out of the default quantities those that a model does not have."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
-            known = groups_of(given["model"])
+            known = groups_of(given["model"], bool(given.get("harmonics")))
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
+        return given
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_default(cls, given: Any) -> Any:
+        """Fill in what a model adds and has a default for."""
+        if isinstance(given, dict) and given.get("model") in (*MODELS,):
+            added = MODELS[given["model"]].added
+            left_out = [each for each in added if each.default is not None and given.get(each.name) is None]
+            return given | {each.name: each.default for each in left_out}
         return given
 
     @field_validator("quantities")
@@ -222,13 +248,17 @@ class SurveyRequest(_Numbers):
             if name not in own and value is not None:
                 owner = owner_of(name).name
                 raise ValueError(f'{name} is of the {owner} model: set model to "{owner}", or leave {name} out')
+        with_harmonics(MODELS[self.model](), self.harmonics)  # checks them
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
-        if unknown := set(self.quantities).difference(groups_of(self.model)):
-            names = ", ".join(sorted(unknown))
-            raise ValueError(f"the {self.model} model has no {names}: name some of {', '.join(groups_of(self.model))}")
+        known = groups_of(self.model, bool(self.harmonics))
+        if unknown := set(self.quantities).difference(known):
+            names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
+            raise ValueError(
+                f"{whose}{' with harmonics' if self.harmonics else ''} has no {names}: name some of {', '.join(known)}"
+            )
         return self
 
     @model_validator(mode="after")
@@ -236,7 +266,7 @@ class SurveyRequest(_Numbers):
         if self.machine is None:
             return self
         for each in MODELS[self.model].added:
-            if each.machine_number is not None:
+            if each.machine_number is not None and getattr(self, each.name) != each.default:
                 raise ValueError(
                     f"a machine has another {each.name} at each speed, and a survey has one: leave out the machine, or "
                     f"model and {each.name}"
@@ -296,7 +326,7 @@ class SurveyRequest(_Numbers):
         """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
         if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
-        return model_of(**self.others)
+        return with_harmonics(model_of(**self.others), self.harmonics)
 
     @property
     def in_closed_form(self) -> bool:

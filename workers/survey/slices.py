@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.values.schema import FIXED
-from rattle.models import Model, model_of
+from rattle.models import Model, model_of, with_harmonics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -88,4 +89,6 @@ def surveyed_model(dataset: xr.Dataset) -> Model:
     given: dict[str, Any] = {
         name: dataset[name].item() if name in dataset.coords else dataset.attrs.get(name) for name in FIXED
     }
-    return model_of(**{name: float(value) for name, value in given.items() if value is not None})
+    model = model_of(**{name: float(value) for name, value in given.items() if value is not None})
+    harmonics = json.loads(dataset.attrs.get("harmonics", "[]"))
+    return with_harmonics(model, [(int(order), size, phase) for order, size, phase in harmonics])

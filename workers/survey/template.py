@@ -181,9 +181,10 @@ def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return which model it is, with its parameters that are one number; NetCDF holds no null."""
+    """Return which model it is, with its parameters that are one number and its harmonics; NetCDF holds no null."""
     numbers = {name: value for name, value in request.others.items() if isinstance(value, float)}
-    return {"model": str(request.model), **numbers}
+    harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
+    return {"model": str(request.model), **numbers, **harmonics}
 
 
 def now() -> str:

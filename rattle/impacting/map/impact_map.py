@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES, is_captured, stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.forcing import DRIFT, contact_force, phase_at
+from rattle.flight.forcing import DRIFT, contact_force, mean_force, phase_at
 from rattle.flight.impact_law import impulse_of, reflected
 from rattle.flight.law import folded
 from rattle.flight.tangent import flight_tangent
-from rattle.intensity.visit import bounce
+from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits.return_map import inverse_step, step, step_tangent
 
@@ -106,6 +106,11 @@ def _step_tangent(tau, v, point):
 @for_type(inverse_step, Point)
 def _inverse_step(tau, v, point):
     return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)
+
+
+@for_type(mean_force_at, Point)
+def _mean_force_at(point):
+    return mean_force(point.delta)
 
 
 @for_type(bounce, Point)

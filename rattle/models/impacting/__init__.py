@@ -20,7 +20,7 @@ class Impacting(Model):
 
     name = "impacting"
     title = "impacting"
-    has = frozenset(Capability)
+    has = frozenset(Capability) - {Capability.CONTACT_PHASES}
     functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES

@@ -14,10 +14,10 @@ from rattle.parameters import parameters_in
 from rattle.stiff.attractors.classifier import StiffClassifier
 
 
-def _of_machine(stiffness: Any, inertia: Any, radius: Any, speed: Any, scale: float) -> Any:
+def _of_machine(stiffness: Any, pair: Any) -> Any:
     """κ of a mesh stiffness (docs/decisions/0025-machine.md)."""
-    turned = TWO_PI * radius / speed
-    return stiffness * turned * turned / (scale * inertia)
+    turned = TWO_PI * pair.radius / pair.speed
+    return stiffness * turned * turned / (pair.scale * pair.inertia)
 
 
 (KAPPA,) = parameters_in(__file__)
@@ -32,7 +32,18 @@ class Stiff(Model):
     name = "stiff"
     title = "stiff walls"
     added = (replace(KAPPA, of_machine=_of_machine),)
-    has = frozenset({Capability.PERIOD_ONE, Capability.BALANCE, Capability.INTENSITY, Capability.PROOFS})
+    has = frozenset(
+        {
+            Capability.PERIOD_ONE,
+            Capability.BALANCE,
+            Capability.INTENSITY,
+            Capability.PROOFS,
+            Capability.SUM_RULE,
+            Capability.MANIFOLDS,
+            Capability.DIAGRAMS,
+            Capability.DEPARTURES,
+        }
+    )
     functions: ClassVar[Functions] = stiff
     classifier = StiffClassifier
     curve_names = stiff.NAMES

@@ -8,9 +8,9 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, Outcome, begun, finish, looked, mark, top_speed
 from rattle.flight.first_impact import OK
-from rattle.flight.law import speed_unit, wrapped
+from rattle.flight.law import speed_unit
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import between, point_of, step
 from rattle.stiff.map import flow
@@ -27,15 +27,6 @@ class StiffCells(NamedTuple):
     kappa: Any
 
 
-class Reference(NamedTuple):
-    """A state that a trajectory may come back to (Brent's cycle search), its number, and that of the next one."""
-
-    tau: float
-    v: float
-    n: int
-    following: int
-
-
 @for_type(point_of, StiffCells)
 def _point_of(cell, cells):
     return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
@@ -45,35 +36,6 @@ def _point_of(cell, cells):
 def _between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     return StiffPoint(delta, one.epsilon + share * (other.epsilon - one.epsilon), one.beta, one.kappa)
-
-
-@inline
-def begun(tau, v):
-    """Return the first reference of a trajectory."""
-    return Reference(tau, v, 0, 1)
-
-
-@inline
-def looked(tau, v, n, k, reference, samples, balls, unit):
-    """Return the outcome of sample k after n returns: (status, orbit, reference)."""
-    orbit = capturing_orbit(tau, v, samples.cell[k], balls)
-    if orbit >= 0:
-        return Outcome.PERIODIC, orbit, reference
-    near = abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE
-    if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
-        samples.gap[k] = n - reference.n
-        return Outcome.RECURRENT, -1, reference
-    if n >= reference.following:
-        return Outcome.UNRESOLVED, -1, Reference(tau, v, n, 2 * reference.following)
-    return Outcome.UNRESOLVED, -1, reference
-
-
-@inline
-def finish(tau, v, n, total, k, status, orbit, samples):
-    """Write the end of a stretch of n returns in a total time to sample k."""
-    samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
-    samples.impacts[k] += n
-    samples.time[k] += total
 
 
 @inline

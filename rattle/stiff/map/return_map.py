@@ -7,8 +7,9 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
+from rattle.flight.forcing import mean_force
 from rattle.flight.impact_law import log_determinant
-from rattle.intensity.visit import bounce
+from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits import return_map
 from rattle.stiff.map.flow import bounced, next_departure, outward_force, preceding
@@ -85,6 +86,11 @@ def _step_tangent(tau, v, point):
 @for_type(return_map.inverse_step, StiffPoint)
 def _inverse_step(tau, v, point):
     return preceding(tau, v, point.delta, point.epsilon, point.beta, point.kappa)
+
+
+@for_type(mean_force_at, StiffPoint)
+def _mean_force_at(point):
+    return mean_force(point.delta)
 
 
 @for_type(bounce, StiffPoint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from html import escape
 from typing import Any
 
@@ -50,8 +51,9 @@ def readout(
         si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
         rows += [(NUMBERS[name].name.lower(), f"{in_unit(name, x)} {NUMBERS[name].unit}") for name, x in si.items()]
     if delta > 0 and epsilon >= 0:
-        region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
-        rows.append(("region here", rattle.REGIONS[region]))
+        with suppress(rattle.RattleError):  # regions are not known of every forcing
+            region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
+            rows.append(("region here", rattle.REGIONS[region]))
     if here is not None:
         rows.append(here)
     tables = [_table(rows)]
@@ -126,7 +128,8 @@ def _attractors(cell: xr.Dataset) -> str:
         if kind == "none":
             continue
         label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
-        row = [legend_name(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        contacts = int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
+        row = [legend_name(label, contacts) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:

@@ -15,7 +15,7 @@ from rattle import Diagram
 from rattle.attractors import attractors_of_cell, classified, sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrapped
-from rattle.models import AnyGear, Capability, model_at
+from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
 MOST_POINTS = 8000  # of it that are drawn
@@ -179,6 +179,7 @@ def margin(gear: Any) -> Margin:
 
 def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
     """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
+    require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
@@ -216,6 +217,7 @@ def diagram(
     from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
     from rattle.plot import legend_name as name_of_type
 
+    require_capability(Capability.DIAGRAMS, model_at(gear))
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
     ends = diagrams.diagram_ends(gear, direction, either_way, to)
     found: Diagram[Any, Any] = model_at(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
@@ -283,8 +285,13 @@ def warm_up(gear: AnyGear) -> None:
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
     motion_from(gear, 0.3, 4.0, 1.0, 2)
-    lines(gear, arclength=1.0)
     rattling.warm_up_sounds(gear)
-    if Capability.MARGIN in model_at(gear).has:
+    has = model_at(gear).has
+    if Capability.MANIFOLDS in has:
+        lines(gear, arclength=1.0)
+    if Capability.MARGIN in has:
         margin(gear)
-    diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))
+    if Capability.DIAGRAMS in has:
+        diagram(
+            gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta)
+        )

@@ -21,7 +21,8 @@ def query_of(name: str, otherwise: str = DEFAULT_MODEL) -> Any:
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
     text = f"{words}: the {owner_of(name).name} model; else {otherwise}"
-    return Annotated[float | None, Query(gt=0, le=upper, allow_inf_nan=False, description=text)]
+    above, least = (None, 0) if each.may_be_zero else (0, None)
+    return Annotated[float | None, Query(gt=above, ge=least, le=upper, allow_inf_nan=False, description=text)]
 
 
 def machine_texts() -> dict[str, str]:

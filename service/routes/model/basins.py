@@ -77,7 +77,8 @@ def _draw(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[flo
     from rattle.plot import panels  # matplotlib, in the process that draws
 
     added = {each.name: model_at(gear).numbers[each.name] for each in model_at(gear).added}
-    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, tau, v, **added).figure
+    harmonics = gear.parameters.harmonics
+    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, tau, v, harmonics=harmonics, **added).figure
     figure.set_size_inches(6.4, 6.2)
     with BytesIO() as png:
         figure.savefig(png, format="png")

@@ -8,16 +8,18 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
+from gear_rattle.service.harmonics import read_harmonics
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
+from gear_rattle.service.routes.model.machine import Harmonics
 from gear_rattle.service.routes.model.points import Backlash, Multiplier
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from rattle.continuation import FARTHEST
-from rattle.models import ADDED, DEFAULT_MODEL, model_of
+from rattle.models import ADDED, DEFAULT_MODEL, model_of, with_harmonics
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -108,6 +110,7 @@ async def curves(
     delta_max: Annotated[Damping, Query(examples=[0.8])] = 1.2,
     epsilon_min: Eccentricity = 0.0,
     epsilon_max: Eccentricity = 1.0,
+    harmonic: Harmonics = (),
     **added: float | None,
 ) -> Curves:
     """Return a curve that does not cross the window has no points."""
@@ -116,7 +119,7 @@ async def curves(
         if not low < high:
             message = f"{name}_max ({high:g}) must be above {name}_min ({low:g})"
             raise RequestValidationError([{"loc": ("query", f"{name}_max"), "msg": message}])
-    model = model_of(beta, **added)
+    model = with_harmonics(model_of(beta, **added), read_harmonics(harmonic))
     found = await in_turn(
         front,
         curves_document,

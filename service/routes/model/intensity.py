@@ -62,6 +62,7 @@ class RattlingDocument(BaseModel):
     m: int
     n_plus: int
     n_minus: int
+    contacts: int = Field(description="contact phases in a period of the inelastic model")
     fraction: float
     impacts_plus: float | None = Field(description="impacts on the positive wall, or contacts")
     impacts_minus: float | None = Field(description="impacts on the negative wall, or contacts")
@@ -70,7 +71,7 @@ class RattlingDocument(BaseModel):
     energy: float | None = Field(description="sum of v²/2")
     level: float | None = Field(description="energy in dB relative to 2π²δ², that of A and C; null if quiet")
     contact: float | None = Field(description="share of the time in contact")
-    impulse: float | None = Field(description="2πδ in every motion that lasts: an audit")
+    impulse: float | None = Field(description="2πδ in every motion that lasts, 2πδ(1 + load) with a load: an audit")
     errors: ErrorsDocument
     si: InSI | None = Field(description="null unless a machine was given")
 
@@ -121,6 +122,7 @@ def _rattling(place: Place, attractor: Attractor, found: Intensity) -> RattlingD
         m=attractor.m,
         n_plus=attractor.n_plus,
         n_minus=attractor.n_minus,
+        contacts=attractor.contacts,
         fraction=attractor.fraction,
         **{name: json_number(value) for name, value in values.items()},
         level=json_number(found.level(natural_energy(place.gear.delta))),

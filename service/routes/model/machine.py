@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
+from gear_rattle.service.harmonics import EXAMPLE, TEXT, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
@@ -21,7 +23,7 @@ from gear_rattle.service.routes.model.added import (
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from rattle import Machine, ParameterError
-from rattle.models import ADDED, AnyGear, model_of
+from rattle.models import ADDED, AnyGear, model_of, with_harmonics
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -33,20 +35,39 @@ def positive_query(description: str, example: float | None = None, *, zero: bool
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
 
 
+MOST_HARMONICS = 64
 LINE = "m along the line of action"
-INERTIA = "kg m², of each of two equal gears with what turns with it"
+INERTIA = "kg m², of each of two equal gears with what turns with it, or of the first of two"
 DRAG = "N m s/rad: the drag torque of each gear over its speed"
 ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
 DRIVE = "torque: a constant one on one gear; speed: that of one imposed"
 Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
+#: Numbers of a second gear, and parts of the transmission error.
+SECOND = {
+    "driven_inertia": "kg m², of the second gear; by default that of the first",
+    "driven_drag": "N m s/rad, of the second gear; by default that of the first",
+    "driven_radius": "m, of the second gear's base circle; by default by the tooth numbers",
+    "teeth": "tooth number of the first gear",
+    "driven_teeth": "tooth number of the second gear",
+    "driven_eccentricity": f"{LINE}: the transmission error once a revolution of the second gear",
+    "mesh_error": f"{LINE}: the transmission error once a tooth",
+    "mesh_error_2": f"{LINE}: twice a tooth",
+    "mesh_error_3": f"{LINE}: three times a tooth",
+}
+#: Of these and of what makes what models add, those that are above 0.
+OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
+Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS, examples=[[EXAMPLE]])]
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
-    "drive": {name: Annotated[float | None, positive_query(text)] for name, text in machine_texts().items()},
+    "drive": {
+        name: Annotated[float | None, positive_query(text, zero=name not in OWN)]
+        for name, text in (machine_texts() | SECOND).items()
+    },
 }
 
 
-@with_queries({"drive": ADDED_QUERIES["drive"]})
+@with_queries({"drive": {"restitution": query_of("restitution"), **ADDED_QUERIES["drive"]}})
 async def machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
@@ -81,21 +102,26 @@ async def place_of_query(
     radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
+    harmonic: Harmonics = (),
     **more: float | None,
 ) -> Place:
     """Return the point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
     needed["rpm"] = rpm
-    plain = {"delta": delta, "epsilon": epsilon}
+    plain: dict[str, Any] = {"delta": delta, "epsilon": epsilon}
     added = {name: value for name, value in more.items() if name in ADDED}
     making = {name: value for name, value in more.items() if name not in ADDED}
     given = [name for name, value in {**needed, "drive": drive, **making}.items() if value is not None]
     if not given:
-        return Place(model_of(0.6 if beta is None else beta, **added).gear(**_all_of(plain)), None)
-    both = [name for name, value in {**plain, "beta": beta, **added}.items() if value is not None]
+        model = with_harmonics(model_of(0.6 if beta is None else beta, **added), read_harmonics(harmonic))
+        return Place(model.gear(**_all_of(plain)), None)
+    making["restitution"] = added.pop("restitution", None)
+    plain |= {"beta": beta, **added, "harmonic": harmonic or None}
+    both = [name for name, value in plain.items() if value is not None]
     if both:
         raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} say it twice: give one")
-    machine = Machine(**_all_of(needed), drive=drive or "torque", **making)
+    numbers: dict[str, Any] = {**_all_of(needed), **making}
+    machine = Machine(**numbers, drive=drive or "torque")
     return Place(machine.gear, machine)
 
 
@@ -143,6 +169,9 @@ class MachineDocument(_Numbers):
     """A machine, two equal gears, as a parameter point, and back."""
 
     units: UnitsDocument
+    harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
+    revolutions: float = Field(description="revolutions of the first gear in a forcing period")
+    rate_error: float | None = Field(description="share of the driving force that one rate leaves out; 0: exact")
     quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
 
 
@@ -166,5 +195,8 @@ async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> Machi
         beta=gear.beta,
         **added_document(found.added),
         units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
+        harmonics=list(found.harmonics),
+        revolutions=found.revolutions,
+        rate_error=json_number(found.rate_error),
         quiet_limit=quiet_limit,
     )

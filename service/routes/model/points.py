@@ -47,6 +47,9 @@ class _Plain(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
+    harmonics: list[tuple[int, float, float]] = Field(
+        default=[], description="of the forcing beside the first: order, amplitude over that of the first, phase"
+    )
 
 
 if TYPE_CHECKING:
@@ -69,7 +72,7 @@ class Multiplier(BaseModel):
 class OrbitDocument(BaseModel):
     """An admissible period-one orbit."""
 
-    name: str = Field(description="A, B, C or D; P: one of the stiff model that has no counterpart")
+    name: str = Field(description="A, B, C or D; P: one of another model that has no counterpart")
     m: int = Field(description="forcing periods")
     n_plus: int = Field(description="impacts on the positive wall, or contacts")
     n_minus: int = Field(description="impacts on the negative wall, or contacts")
@@ -100,8 +103,12 @@ class OrbitsInSI(BaseModel):
 class OrbitsDocument(PointDocument):
     """Period-one orbits and analytic limits of one parameter point."""
 
-    region: int = Field(ge=1, lt=len(rattle.REGIONS), description="1…5 = I…V, more for another set of orbits")
-    region_name: str = Field(description="I…V, or the orbits that exist where they are another set, such as ABD")
+    region: int | None = Field(
+        ge=1, lt=len(rattle.REGIONS), description="1…5 = I…V, more for another set of orbits; null with harmonics"
+    )
+    region_name: str | None = Field(
+        description="I…V, or the orbits that exist where they are another set, such as ABD; null with harmonics"
+    )
     sn1: float | None = Field(description="epsilon at which A and C are born; null where `missing` says why")
     flip: float | None = Field(description="epsilon at which C loses stability; null where `missing` says why")
     quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
@@ -117,9 +124,12 @@ class AttractorDocument(BaseModel):
     m: int
     n_plus: int
     n_minus: int
+    contacts: int = Field(description="contact phases in a period of the inelastic model; its multipliers are 0 then")
     fraction: float = Field(description="0 of a stable orbit that exists and that no initial condition found")
     fraction_interval: tuple[float, float] = Field(description="95 % Wilson interval")
-    lyapunov: tuple[float | None, float | None] = Field(description="per forcing period; null if not defined")
+    lyapunov: tuple[float | None, float | None] = Field(
+        description="per forcing period; null if not defined, and of -∞ with contact phases"
+    )
     lyapunov_error: float | None
     tau: float | None = Field(description="phase of a representative point")
     v: float | None = Field(description="speed of a representative point")
@@ -217,7 +227,8 @@ async def attractors(
 def point_document(gear: AnyGear) -> dict[str, Any]:
     """Return the fields of `PointDocument`."""
     point = gear.parameters.point()
-    return {name: point[name] for name in ("delta", "epsilon", "beta")} | added_document(point)
+    plain: dict[str, Any] = {name: point[name] for name in ("delta", "epsilon", "beta")}
+    return plain | added_document(point) | {"harmonics": list(gear.parameters.harmonics)}
 
 
 def attractor_document(item: rattle.Attractor) -> AttractorDocument:
@@ -227,6 +238,7 @@ def attractor_document(item: rattle.Attractor) -> AttractorDocument:
         m=item.m,
         n_plus=item.n_plus,
         n_minus=item.n_minus,
+        contacts=item.contacts,
         fraction=item.fraction,
         fraction_interval=item.fraction_interval,
         lyapunov=(json_number(item.lyapunov[0]), json_number(item.lyapunov[1])),

@@ -27,7 +27,7 @@ from rattle.stiff.attractors import classifier
 
 logging.basicConfig(level=logging.INFO, stream=sys.stdout)
 kappa = KAPPA
-rattle.precompile(kappa=kappa, load=True)
+rattle.precompile(kappa=kappa, preload=True, optional=True)
 print("precompiled", flush=True)
 delta, epsilon, beta = np.full(3, 0.5), np.array([0.01, 0.1, 0.2]), np.full(3, 0.7)
 if kappa is None:

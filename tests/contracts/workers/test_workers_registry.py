@@ -28,6 +28,7 @@ SCHEMA = {
     "attractor_m": (SLOT, "int32"),
     "attractor_n_plus": (SLOT, "int32"),
     "attractor_n_minus": (SLOT, "int32"),
+    "attractor_contacts": (SLOT, "int32"),
     "attractor_fraction": (SLOT, "float32"),
     "attractor_fraction_upper": (SLOT, "float32"),
     "attractor_lyapunov": (("attractor", "exponent", *CELL), "float64"),
@@ -107,7 +108,11 @@ def test_the_registry_is_the_schema() -> None:
     assert {quantity.name: (quantity.dims, quantity.dtype) for quantity in QUANTITIES} == SCHEMA
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda quantity: quantity.name)
+#: Those of the impacting model; `test_workers_inelastic` has those of the inelastic one.
+OWN = [quantity for quantity in QUANTITIES if quantity.is_of("impacting")]
+
+
+@pytest.mark.parametrize("quantity", OWN, ids=lambda quantity: quantity.name)
 def test_variable_of_an_empty_store(empty: xr.Dataset, quantity: Quantity) -> None:
     variable = empty[quantity.name]
     dims, dtype = SCHEMA[quantity.name]
@@ -122,7 +127,7 @@ def test_variable_of_an_empty_store(empty: xr.Dataset, quantity: Quantity) -> No
         assert bool(filled.all())
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda quantity: quantity.name)
+@pytest.mark.parametrize("quantity", OWN, ids=lambda quantity: quantity.name)
 def test_variable_of_a_filled_store(survey: xr.Dataset, quantity: Quantity) -> None:
     values = survey[quantity.name]
     if "flag_values" in values.attrs:
@@ -171,7 +176,7 @@ def test_only_what_is_asked_for_is_stored(tmp_path: Path, request_: SurveyReques
     path = tmp_path / "survey.zarr"
     create_store(request_.model_copy(update={"quantities": (group,)}), path)
     dataset = open_survey(path)
-    assert set(dataset.data_vars) == {q.name for q in QUANTITIES if q.group == group} | {"status"}
+    assert set(dataset.data_vars) == {q.name for q in OWN if q.group == group} | {"status"}
     assert set(dataset.coords) == {dim for name in dataset.data_vars for dim in dataset[name].dims} | {"beta"}
 
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import rattle
 from gear_rattle.workers.survey.values import evaluate, intensity
 from gear_rattle.workers.survey.values.cells import AUDIT, GRAZING_CURVES
-from gear_rattle.workers.survey.values.schema import CELL, Coordinate, Group, Quantity
-from rattle.models import Capability
+from gear_rattle.workers.survey.values.schema import CELL, GROUP_NEEDS, Coordinate, Group, Quantity
+from rattle.models import MODELS, Capability
 
 DOI = "10.1137/090759641"
 
@@ -127,6 +127,16 @@ QUANTITIES: tuple[Quantity, ...] = (
         "n- of P(m, n+, n-), impacts on or contacts with Σ-; 0 unless periodic",
         _ORBITS,
         evaluate.slots("n_minus", "int32"),
+    ),
+    Quantity(
+        "attractor_contacts",
+        Group.ATTRACTORS,
+        _SLOT,
+        "int32",
+        "contact phases on either wall in m forcing periods; their exponents are -infinity; 0 unless periodic",
+        _ORBITS,
+        evaluate.slots("contacts", "int32"),
+        needs=Capability.CONTACT_PHASES,
     ),
     Quantity(
         "attractor_fraction",
@@ -271,6 +281,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "largest |λ1 + λ2 + δ| of the attractors that are not quiet",
         _SUM_RULE,
         evaluate.sum_rule_error,
+        needs=Capability.SUM_RULE,
     ),
     Quantity(
         "impulse_balance_error",
@@ -409,9 +420,11 @@ BOUNDED: tuple[Quantity, ...] = (
 )
 
 
-def groups_of(model: str) -> tuple[Group, ...]:
+def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
     """Return the groups of which a model has variables; no tile writes those of families."""
     in_tiles = {each.group for each in QUANTITIES if each.is_of(model)}
+    if has_harmonics:
+        in_tiles -= {group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].one_cosine}
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 

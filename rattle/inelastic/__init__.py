@@ -1,0 +1,39 @@
+"""The gear with a coefficient of restitution, a load, and a forcing of several harmonics (docs/restitution.md).
+
+`rattle.Gear(delta, epsilon, beta, restitution=0.9, load=0.0, harmonics=[(20, 0.0033, 0.0)])` is one parameter point.
+"""
+
+from rattle.inelastic.attractors.classifier import attractors_of
+from rattle.inelastic.bifurcations.codimension_two import CodimensionTwoCurve, follow_codimension_two, points_at
+from rattle.inelastic.bifurcations.curves import trace
+from rattle.inelastic.bifurcations.registry import NAMES, describe
+from rattle.inelastic.functions import diagram, rests_late, stretch
+from rattle.inelastic.gear import FirstInelasticImpact, InelasticGear
+from rattle.inelastic.map.iterate import iterate, iterate_tangent
+from rattle.inelastic.map.quiet import quiet_limit
+from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node
+from rattle.inelastic.orbits.period_one import period_one, regions
+from rattle.inelastic.orbits.periodic import InelasticOrbit
+
+__all__ = [
+    "NAMES",
+    "CodimensionTwoCurve",
+    "FirstInelasticImpact",
+    "InelasticGear",
+    "InelasticOrbit",
+    "attractors_of",
+    "describe",
+    "diagram",
+    "flip_of_c",
+    "follow_codimension_two",
+    "iterate",
+    "iterate_tangent",
+    "period_one",
+    "points_at",
+    "quiet_limit",
+    "regions",
+    "rests_late",
+    "saddle_node",
+    "stretch",
+    "trace",
+]

@@ -1,0 +1,1 @@
+"""Bifurcation curves of the period-one motions of the inelastic gear, and the points where they meet."""

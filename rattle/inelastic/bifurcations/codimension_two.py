@@ -1,0 +1,236 @@
+"""The codimension-two points of the period-one motions, followed as curves in (δ, ε, r).
+
+All lie on the graze of P(1,1,0) on Σ⁻ (`rattle.impacting.bifurcations.codimension_two`). With T = 1 + r²E − (1 + r)²
+π(1 − E) ε cos 2πτ/δ² the trace of the grazing motion, E = e^(−δ), the conditions beside the graze are
+
+    COD20: T = −1 − r²E     COD21: T = 2r e^(−δ/2)     COD22: cos 2πτ = 0, T = 1 + r²E     COD23: det J = 0.
+
+At the graze neither the arrival nor the departure of the second impact has a speed, so the determinant of the
+two-impact equations does not depend on the multiplier: saddle-node and flip of P(1,1,1) reach the graze where it
+vanishes, for any restitution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, tangent_at, with_value
+from rattle.errors import RattleError, require_number, require_one_of
+from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
+from rattle.impacting.orbits.equations import Itinerary
+from rattle.impacting.orbits.periodic import admissible_or_why
+from rattle.inelastic.bifurcations.starts import TWO, graze_starts
+from rattle.inelastic.orbits.equations import InelasticItinerary
+from rattle.notebook import Columns, Tabular
+from rattle.numerics.complex_step import Array
+
+LEAST_RESTITUTION = 1e-3
+LONGEST = 0.02  # of a step, in the unknowns
+REACH = 8.0  # half-backlashes of damping
+TAU, MIDDLE, DELTA, EPSILON, R = range(5)  # unknowns: times of the impact and of the graze, then parameters
+Residual = Callable[[NDArray], NDArray]
+
+
+def _trace(x: NDArray) -> NDArray:
+    delta, r = x[..., DELTA], x[..., R]
+    decay = np.exp(-delta)
+    cosine = x[..., EPSILON] * np.cos(2 * np.pi * x[..., TAU])
+    return np.asarray(1.0 + r * r * decay - (1.0 + r) ** 2 * np.pi * (1.0 - decay) * cosine / (delta * delta))
+
+
+def _flip(x: NDArray) -> NDArray:
+    return np.asarray(_trace(x) + 1.0 + x[..., R] ** 2 * np.exp(-x[..., DELTA]))
+
+
+def _equal_multipliers(x: NDArray) -> NDArray:
+    return np.asarray(_trace(x) - 2.0 * x[..., R] * np.exp(-0.5 * x[..., DELTA]))
+
+
+def _birth(x: NDArray) -> NDArray:
+    return np.asarray(np.cos(2 * np.pi * x[..., TAU]))
+
+
+def _no_square_root(beta: float, x: NDArray) -> NDArray:
+    flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
+    first = flights.w0_t0[..., 0] + r * flights.w1_t1[..., 1]
+    return np.asarray(first * (flights.w0_t0[..., 1] + r * flights.w1_t1[..., 0]))
+
+
+def _residuals(beta: float) -> dict[str, Residual]:
+    return {
+        "COD20": _flip,
+        "COD21": _equal_multipliers,
+        "COD23": partial(_no_square_root, beta),
+        "COD22": _birth,
+    }
+
+
+@dataclass(frozen=True, repr=False)
+class CodimensionTwoCurve(Tabular):
+    """A codimension-two point followed in the restitution at half-backlash beta, from r = 1 on.
+
+    delta, epsilon, restitution, tau (n,): the point, and the phase of the impact of the motion that grazes; speed (n,):
+    with which it leaves Σ⁺; residual (n,): the largest of those of the conditions. end: why it is not followed on.
+    """
+
+    name: str
+    beta: float
+    delta: Array
+    epsilon: Array
+    restitution: Array
+    tau: Array
+    speed: Array
+    residual: Array
+    end: str
+    _points: Array = field(repr=False)
+
+    def _caption(self) -> str:
+        return f"{self.name} at β = {self.beta:g}, {self.delta.size} points; ends: {self.end}"
+
+    def _columns(self) -> Columns:
+        return {
+            "delta": self.delta,
+            "epsilon": self.epsilon,
+            "restitution": self.restitution,
+            "tau": self.tau,
+            "speed": self.speed,
+        }
+
+    def at(self, restitution: float) -> tuple[float, float]:
+        """Return (δ, ε) at this restitution, solved for to rounding.
+
+        Returns
+        -------
+        tuple of float
+            The first such point from r = 1 on.
+
+        Raises
+        ------
+        RattleError
+            The curve does not reach this restitution.
+        """
+        r = require_number("restitution", restitution, positive=True)
+        apart = self.restitution - r
+        passed = np.flatnonzero(apart[:-1] * apart[1:] <= 0.0)
+        if not passed.size:
+            raise RattleError(
+                f"{self.name} is not followed to r = {r:g}: it has r from {self.restitution.min():.6g} on"
+            )
+        i = int(passed[0])
+        share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
+        guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
+        found = with_value(_problem(self.name, self.beta), guess, R, r)
+        if found is None:
+            raise RattleError(f"{self.name} cannot be solved for at r = {r:g}")
+        return float(found[DELTA]), float(found[EPSILON])
+
+
+def _problem(name: str, beta: float) -> ContinuationProblem:
+    """Return the equations (…, 5) → (…, 4): both impacts, the graze, and the condition of the point."""
+    condition = _residuals(beta)[name]
+
+    def equations(x: NDArray) -> NDArray:
+        flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
+        both = [flights.w0[..., i] + r * flights.w1[..., i - 1] for i in range(2)]
+        return np.stack([*both, flights.w1[..., 0], condition(x)], axis=-1)
+
+    return ContinuationProblem(equations)
+
+
+def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_RESTITUTION) -> CodimensionTwoCurve:
+    """Return a codimension-two point of the elastic gear as a curve in (δ, ε, r), from r = 1 down.
+
+    Parameters
+    ----------
+    name : str
+        COD20, COD21, COD22 or COD23.
+    beta : float
+        Half-backlash > 0, over 1 + load if there is a load: ε is to be multiplied by 1 + load then.
+    lowest : float
+        Restitution down to which it is followed.
+
+    Returns
+    -------
+    CodimensionTwoCurve
+        Points to rounding, as long as the motion that grazes happens.
+
+    Raises
+    ------
+    ParameterError
+        A number is outside its domain, or the name is none of these.
+    RattleError
+        The elastic gear has no such point at this half-backlash.
+    """
+    require_one_of("name", name, tuple(_residuals(1.0)))
+    beta = require_number("beta", beta, positive=True)
+    known = {point.name: point for point in codimension_two(beta)}
+    if name not in known:
+        raise RattleError(f"there is no {name} for beta = {beta:g}")
+    at = known[name]
+    near = graze_starts(at.delta, beta, 1.0)
+    if not near:
+        raise RattleError(f"{name} has no graze to start from for beta = {beta:g}")
+    problem = _problem(name, beta)
+    closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
+    start = with_value(problem, np.append(closest, 1.0), R, 1.0)
+    if start is None:
+        raise RattleError(f"{name} cannot be solved for at r = 1 for beta = {beta:g}")
+
+    def why(x: Array) -> str | None:
+        if not lowest <= x[R] <= 1.0:
+            return f"restitution = {lowest:g}" if x[R] < lowest else "restitution = 1"
+        if not 0.0 < x[DELTA] < REACH * beta:
+            return "damping outside the range that is followed"
+        return admissible_or_why(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
+
+    bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, REACH * beta))
+    follower = Follower(problem, bounds, lambda x: why(x) is None, lambda _: LONGEST)
+    down = np.zeros(5)
+    down[R] = -1.0
+    path = follower.follow(start, tangent_at(problem, start, down))
+    return _curve(name, beta, problem, path, why)
+
+
+def _curve(
+    name: str, beta: float, problem: ContinuationProblem, path: Path, why: Callable[[Array], str | None]
+) -> CodimensionTwoCurve:
+    x = path.points
+    end = "the equations become singular" if path.outside is None else why(path.outside) or "the edge of its existence"
+    speed = -Itinerary(TWO, 1, beta).flights(x[:, :R]).w0[:, 0]
+    residual = np.abs(problem.equations(x)).max(axis=-1)
+    tau = x[:, TAU] - np.floor(x[:, TAU])
+    return CodimensionTwoCurve(
+        name, beta, x[:, DELTA], x[:, EPSILON], x[:, R], tau, np.asarray(speed), np.asarray(residual), end, x
+    )
+
+
+@lru_cache(maxsize=64)
+def _followed(name: str, beta: float) -> CodimensionTwoCurve:
+    return follow_codimension_two(name, beta)
+
+
+def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
+    """Return the codimension-two points of the plane at one restitution and load, without orders of contact.
+
+    Those that cannot be followed to there are left out.
+
+    Returns
+    -------
+    tuple of CodimensionTwo
+        The points.
+    """
+    found = []
+    for name, condition in POINTS.items():
+        try:
+            delta, epsilon = _followed(name, beta / (1.0 + load)).at(restitution)
+        except RattleError:
+            continue
+        found.append(
+            CodimensionTwo(name, condition.meaning, delta, epsilon * (1.0 + load), tuple(condition.curves), {})
+        )
+    return tuple(found)

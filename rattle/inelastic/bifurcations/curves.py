@@ -1,0 +1,159 @@
+"""Trace a bifurcation curve of the inelastic gear through the (δ, ε) plane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.continuation.arclength import ContinuationProblem
+from rattle.continuation.conditions import condition, scale_at
+from rattle.continuation.curves import (
+    QUIET_LIMIT,
+    Curve,
+    CurveDescription,
+    PlaneWindow,
+    spread_between,
+    traced,
+    window_range,
+)
+from rattle.errors import RattleError, parameters, require, require_one_of
+from rattle.flight.forcing import DRIFT, TWO_PI
+from rattle.impacting.bifurcations.curves import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
+from rattle.impacting.orbits.periodic import admissible_or_why
+from rattle.inelastic.bifurcations.codimension_two import points_at
+from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
+from rattle.inelastic.given import Harmonics, checked_harmonics
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, forcing_shape
+from rattle.inelastic.map.quiet import least_force
+from rattle.inelastic.orbits.equations import under_load, without_load
+from rattle.numerics.complex_step import Array
+
+SAME = 1e-9  # of ε
+SAME_POINT = 1e-6  # of the plane
+
+
+def trace(
+    name: str,
+    beta: float = 0.6,
+    restitution: float = 1.0,
+    load: float = 0.0,
+    harmonics: Harmonics = (),
+    *,
+    delta: tuple[float, float] = (0.3, 1.2),
+    epsilon: tuple[float, float] = ALL_EPSILON,
+) -> Curve:
+    """Return a bifurcation curve of the period-one motions inside a window of the (δ, ε) plane.
+
+    Parameters
+    ----------
+    name : str
+        One of `rattle.inelastic.NAMES`, see `describe`.
+    beta, restitution, load, harmonics
+        As in `rattle.Gear`.
+    delta, epsilon : tuple of float
+        (low, high) of the window, dimensionless.
+
+    Returns
+    -------
+    Curve
+        The curve in pieces; points are solutions to rounding. tau and v: the impact on Σ⁺ of the motion.
+
+    Raises
+    ------
+    ParameterError
+        An argument is outside its domain.
+    RattleError
+        The forcing has harmonics, with which only the quiet limit is traced, or a curve cannot be followed.
+    """
+    require_one_of("name", name, NAMES)
+    numbers = parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
+    beta, restitution, load = (float(each) for each in numbers)
+    shape = checked_harmonics(harmonics)
+    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
+    dampings = _dampings(window, beta / (1.0 + load))
+    try:
+        if name == QUIET_LIMIT:
+            return _quiet_limit(beta, load, forcing_shape(shape), window, dampings)
+        if shape:
+            raise RattleError(
+                f"{name} is traced under one cosine only, and {QUIET_LIMIT} under any forcing: leave out the harmonics"
+            )
+        return _traced(name, beta, restitution, load, window, dampings)
+    except np.linalg.LinAlgError as error:
+        raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
+
+
+def _dampings(window: PlaneWindow, beta: float) -> Array:
+    """Return the dampings at which a curve is searched: over the window, and at its edges."""
+    low, high = window.delta
+    spread = spread_between(low, high)
+    if low < REACH * beta < high - low:  # a wide window, in which this spacing would miss the curves
+        spread = np.concatenate([spread_between(low, REACH * beta), spread])
+    return np.array([*spread, low, high])
+
+
+def _traced(name: str, beta: float, restitution: float, load: float, window: PlaneWindow, dampings: Array) -> Curve:
+    definition, unit = INELASTIC_CURVES[name], 1.0 + load
+    itinerary = definition.itinerary(beta / unit, restitution)
+
+    def starts() -> Iterable[Array]:
+        for d in dampings:
+            for x in definition.starts(float(d), beta / unit, restitution):
+                yield np.append(x[:-1], x[-1] * unit)
+
+    def left(x: Array) -> str | None:
+        return definition.belongs(x) or admissible_or_why(itinerary, without_load(x, load), definition.impact)
+
+    def describe(x: Array) -> CurveDescription:
+        found = describe_motion(itinerary, without_load(x, load), definition.impact)
+        return found._replace(v=found.v * unit)
+
+    problem = under_load(condition(itinerary, definition.kind, definition.impact), load)
+
+    def named(x: Array, reason: str) -> str:
+        at = (each for each in points_at(beta, restitution, load) if name in each.curves)
+        near = [
+            each.name for each in at if abs(x[-2] - each.delta) < SAME_POINT and abs(x[-1] - each.epsilon) < SAME_POINT
+        ]
+        return ": ".join([*near[:1], reason])
+
+    return traced(name, beta, problem, starts(), window, left, describe, named)
+
+
+def _quiet_limit(beta: float, load: float, shape: NDArray[np.float64], window: PlaneWindow, dampings: Array) -> Curve:
+    """Return the curve on which the contact force on Σ⁺ just reaches 0; x = (phase, δ, ε)."""
+    order, turn = TWO_PI * shape[ORDER], TWO_PI * shape[PHASE]
+    drift = DRIFT * (1.0 + load)
+
+    def equations(x: NDArray) -> NDArray:
+        tau, delta, epsilon = (x[..., i, None] for i in range(3))
+        angle, size = order * tau + turn, shape[AMPLITUDE] * order
+        sine, cosine = np.sin(angle), np.cos(angle)
+        force = (size * (order * cosine + delta * sine)).sum(axis=-1)
+        rate = (size * order * (order * sine - delta * cosine)).sum(axis=-1)
+        drop = delta[..., 0] * drift - epsilon[..., 0] * force
+        return np.stack([drop / TWO_PI, rate / TWO_PI**2], axis=-1)
+
+    guesses = []
+    for d in dampings:
+        tau, epsilon = least_force(float(d), drift, shape)
+        guesses.append(np.array([tau, d, epsilon]))
+
+    def left(x: Array) -> str | None:
+        first = least_force(float(x[-2]), drift, shape)[1]
+        return None if x[-1] <= first * (1.0 + SAME) else "the contact force reaches 0 at another phase before"
+
+    nothing = np.full(2, complex(np.nan, np.nan))
+    return traced(
+        QUIET_LIMIT,
+        beta,
+        ContinuationProblem(equations, scale=scale_at),
+        guesses,
+        window,
+        left,
+        lambda x: CurveDescription(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda _, reason: reason,
+    )

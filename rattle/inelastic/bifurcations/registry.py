@@ -1,0 +1,82 @@
+"""The bifurcation curves of the inelastic gear's period-one motions: those of the elastic gear, by the same names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from rattle.continuation.conditions import Kind
+from rattle.continuation.curves import QUIET_LIMIT
+from rattle.errors import require_one_of
+from rattle.impacting.bifurcations.registry import CURVES as ELASTIC_CURVES
+from rattle.inelastic.bifurcations import starts
+from rattle.inelastic.orbits.equations import InelasticItinerary
+from rattle.numerics.complex_step import Array
+
+Starts = Callable[[float, float, float], Sequence[Array]]  # of (δ, β, r)
+
+
+@dataclass(frozen=True)
+class InelasticDefinition:
+    """A curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
+
+    starts: guesses of the unknowns (n + 2,) at (δ, β, r).
+    """
+
+    name: str
+    meaning: str
+    starts: Starts
+
+    @property
+    def walls(self) -> tuple[int, ...]:
+        """Walls that the motion meets."""
+        return ELASTIC_CURVES[self.name].walls
+
+    @property
+    def kind(self) -> Kind:
+        """Event on the curve."""
+        return ELASTIC_CURVES[self.name].kind
+
+    @property
+    def impact(self) -> int | None:
+        """The impact that grazes, if one does."""
+        return ELASTIC_CURVES[self.name].impact
+
+    def belongs(self, x: Array) -> str | None:
+        """Return None for a solution that is on this curve, else why it is not."""
+        return ELASTIC_CURVES[self.name].belongs(x)
+
+    def itinerary(self, beta: float, restitution: float) -> InelasticItinerary:
+        """Return the walls at this half-backlash and restitution."""
+        return InelasticItinerary(self.walls, 1, beta, restitution)
+
+
+_DEFINITIONS = (
+    InelasticDefinition(
+        "SN1",
+        "saddle-node at which A and C, P(1,1,0), are born as ε grows; closed form for any restitution",
+        lambda delta, _beta, r: starts.one_impact_starts(Kind.SADDLE_NODE, delta, r),
+    ),
+    InelasticDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_starts),
+    InelasticDefinition(
+        "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.first_flip
+    ),
+    InelasticDefinition("G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_starts),
+    InelasticDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.graze_starts),
+    InelasticDefinition(
+        "PDC",
+        "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; closed form for any restitution",
+        lambda delta, _beta, r: starts.one_impact_starts(Kind.FLIP, delta, r),
+    ),
+    InelasticDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
+)
+#: In the order of the legend.
+INELASTIC_CURVES = {each.name: each for each in _DEFINITIONS}
+QUIET_MEANING = "limit of permanent contact with Σ⁺: above it the contact force changes sign, at any restitution"
+NAMES = (*INELASTIC_CURVES, QUIET_LIMIT)
+
+
+def describe(name: str) -> str:
+    """Describe a curve: its event and its orbits. Raises ParameterError on an unknown name."""
+    require_one_of("name", name, NAMES)
+    return QUIET_MEANING if name == QUIET_LIMIT else INELASTIC_CURVES[name].meaning

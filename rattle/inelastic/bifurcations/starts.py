@@ -1,0 +1,101 @@
+"""Start curves of the inelastic gear: their solutions at one damping, from the closed forms of the period-one motions.
+
+As `rattle.impacting.bifurcations.starts`, with a restitution; there is no load (`rattle.inelastic.orbits.equations`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from rattle.continuation.conditions import Kind
+from rattle.flight.forcing import DRIFT
+from rattle.impacting.bifurcations.starts import CLOSE, FINER, FINEST, StartFamily
+from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node, slope_at_departure
+from rattle.inelastic.orbits.equations import InelasticItinerary
+from rattle.inelastic.orbits.family import family_closure, family_nodes
+from rattle.numerics.complex_step import Array
+
+ONE, TWO = (1,), (1, -1)  # walls
+
+
+def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
+    """Return the P(1,1,1) motions with these rising times 1/2 + σ from Σ⁺ to Σ⁻."""
+    closed = np.array([family_closure(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
+    x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
+    tau = np.arctan2(y, x) / (2 * np.pi)
+    unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
+    itinerary = InelasticItinerary(TWO, 1, beta, r)
+    at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
+    return StartFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
+
+
+@lru_cache(maxsize=256)
+def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
+    """Return the family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
+    sigma, epsilon = family_nodes(delta, beta, r)
+    return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
+
+
+def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
+    """Unknowns at the sign changes of a function of the family, in the order of σ, near enough to solve from."""
+    coarse = two_impact_starts(delta, beta, r)
+    at, found = values(coarse), []
+    for i in np.flatnonzero(at[:-1] * at[1:] < 0):
+        low, high = coarse.sigma[i], coarse.sigma[i + 1]
+        for _ in range(FINEST):
+            fine = inelastic_members(np.linspace(low, high, FINER), delta, beta, r)
+            at_fine = values(fine)
+            changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
+            k = int(changes[0]) if changes.size else FINER // 2
+            apart = np.abs(fine.x[k + 1] - fine.x[k])
+            if not changes.size or (apart[:2].max() < CLOSE and apart[3] < CLOSE * fine.x[k, 3]):
+                break
+            low, high = fine.sigma[k], fine.sigma[k + 1]
+        found.append(fine.x[k])
+    return found
+
+
+def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
+    """Saddle-nodes of B and D."""
+    return _zeros(lambda at: at.saddle_node, delta, beta, r)
+
+
+@lru_cache(maxsize=256)
+def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
+    """Members of the family whose speed at Σ⁻ is 0."""
+    return tuple(_zeros(lambda at: at.u, delta, beta, r))
+
+
+@lru_cache(maxsize=256)
+def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
+    """Flips of B and D."""
+    return tuple(_zeros(lambda at: at.flip, delta, beta, r))
+
+
+def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
+    """Return the flip next to SN2 on D, if D is stable before it."""
+    found = flip_starts(delta, beta, r)
+    if not found:
+        return ()
+    at, x = two_impact_starts(delta, beta, r), found[0]
+    loses = at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0
+    return found[:1] if loses else ()
+
+
+def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
+    """Return the flips at which D becomes stable again, and beyond the fold where it ceases to be."""
+    return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
+
+
+def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
+    """SN1 (τ = 3/4), or PDC (the flip of C)."""
+    offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
+    epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
+    if not np.isfinite(epsilon) or epsilon == 0.0:
+        return []
+    cosine = math.sqrt((epsilon - offset) * (epsilon + offset)) if kind is Kind.FLIP else 0.0
+    return [np.array([math.atan2(offset, cosine) / (2 * np.pi), delta, epsilon])]

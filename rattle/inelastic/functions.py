@@ -1,0 +1,27 @@
+"""Functions that the package of any gear has for its plane and this one lacks: each says so."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import RattleError
+from rattle.intensity.table import one_by_one
+
+stretch = one_by_one  # of chaotic motions
+
+
+def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
+    """Return False for every cell: contact that does not end is seen when its chatter is certain to complete."""
+    return np.zeros(delta.size, np.bool_)
+
+
+def _refused(what: str) -> NoReturn:
+    raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff one")
+
+
+def diagram(*_: Any, **__: Any) -> NoReturn:
+    """Raise RattleError."""
+    _refused("bifurcation diagrams")

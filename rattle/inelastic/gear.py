@@ -1,0 +1,252 @@
+"""InelasticGear: one parameter point of the gear with restitution, load and harmonics, and what can be asked of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.attractors.reached import Sampled
+from rattle.errors import RattleError, require, require_finite, require_number
+from rattle.flight.contact_phase import IN_CONTACT
+from rattle.flight.first_impact import LONGEST, OK
+from rattle.flight.forcing import DRIFT
+from rattle.flight.law import folded
+from rattle.inelastic.attractors.classifier import InelasticClassifier
+from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
+from rattle.inelastic.map import bounce  # noqa: F401 impacts and their sums
+from rattle.inelastic.map.cells import point_with
+from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
+from rattle.inelastic.map.impact_map import InelasticPoint, piece_of, step_tangent
+from rattle.inelastic.map.iterate import iterate
+from rattle.inelastic.map.quiet import quiet_limit
+from rattle.inelastic.map.trajectory import trajectory
+from rattle.inelastic.orbits.closed_form import bounces, flip_of_c, saddle_node
+from rattle.inelastic.orbits.period_one import period_one
+from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
+from rattle.intensity.rattling import Rattling
+from rattle.orbits.iterates import Impact, Iterates, Trajectory
+from rattle.orbits.period_one import N_MINUS, NAMES, Orbit, PeriodOne, classify
+from rattle.parameters import Parameters
+
+
+class FirstInelasticImpact(NamedTuple):
+    """The first impact of a flight: flight time (forcing periods), wall (+1 or −1), velocity before the impact."""
+
+    flight_time: float
+    next_wall: int
+    impact_velocity: float
+
+
+@dataclass(frozen=True)
+class InelasticGear(Sampled, Rattling):
+    """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
+
+    Φ'' + δΦ' = δq + e'' + δe' between the walls Φ = ±β, with q = 4π(1 + load); Φ' → −r Φ' at a wall; time in forcing
+    periods. `rattle.Gear` makes one where it is given any of these.
+
+    Parameters
+    ----------
+    delta, epsilon, beta : float
+        Damping > 0, eccentricity ≥ 0 and half-backlash > 0.
+    restitution : float
+        r, from 0 (excluded) to 1, elastic impacts.
+    load : float
+        The torque beside the drag, over the drag's, ≥ 0.
+    harmonics : sequence of (int, float, float)
+        Order k ≥ 2, amplitude α over that of the first harmonic, and phase φ in turns, of each harmonic beside it:
+        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. With (1, 0, 0) among them there is no first one, and ε is their scale.
+
+    Raises
+    ------
+    ParameterError
+        A number is outside its domain; the message says what to do.
+    """
+
+    delta: float
+    epsilon: float
+    beta: float = 0.6
+    restitution: float = 1.0
+    load: float = 0.0
+    harmonics: Harmonics = ()
+
+    _classifier = InelasticClassifier
+    _resolution, _pairs = 400, 2048
+
+    def __post_init__(self) -> None:
+        """Check and convert all numbers."""
+        object.__setattr__(self, "harmonics", checked_harmonics(self.harmonics))
+        for name in ("delta", "epsilon", "beta", "restitution", "load"):
+            value = require_number(name, getattr(self, name), positive=name not in ("epsilon", "load"))
+            object.__setattr__(self, name, value)
+        _ = self.parameters  # checks the rest
+
+    @property
+    def parameters(self) -> Parameters:
+        """Its parameters, arrays (1,)."""
+        numbers = ([self.delta], [self.epsilon], [self.beta], [self.restitution], [self.load])
+        return inelastic_points(*numbers, checked_harmonics(self.harmonics))
+
+    @cached_property
+    def _point(self) -> InelasticPoint:
+        return point_with(self.delta, self.epsilon, self.beta, self.restitution, self.load, self.harmonics)
+
+    @property
+    def quiet_limit(self) -> float:
+        """ε from which the contact force changes its sign, so that contact does not last for ever."""
+        return quiet_limit(self.delta, DRIFT * (1.0 + self.load), self.harmonics)
+
+    @property
+    def force_zeros(self) -> NDArray[np.float64]:
+        """The phases at which the contact force changes its sign and contact phases end; none below the quiet limit."""
+        return self._point.zeros.copy()
+
+    @property
+    def sn1(self) -> float | None:
+        """ε at which A and C are born under one cosine; None with harmonics."""
+        return None if self.harmonics else saddle_node(self.delta, self.restitution, self._point.drift)
+
+    @property
+    def flip(self) -> float | None:
+        """ε at which C loses stability under one cosine, if it still happens there; None with harmonics."""
+        return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
+
+    def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:
+        """Return the first impact after leaving a wall (+1: Φ = β, −1: Φ = −β) with this velocity into the gap.
+
+        Returns
+        -------
+        FirstInelasticImpact
+            Flight time, wall, and velocity before the impact.
+
+        Raises
+        ------
+        ParameterError
+            The wall is not ±1, or the velocity is zero or points out of the gap.
+        RattleError
+            There is no impact within 1000 forcing periods.
+        """
+        require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
+        speed = -wall * require_finite("velocity", velocity)
+        require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
+        point, tau = self._point, _phase(phase)
+        departure = np.empty((2, point.harmonics.shape[1]))
+        flight = leaving_forced(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
+        piece = piece_of(tau, point.zeros)
+        status, time, target, w1, *_ = first_forced_impact(np.int64(wall), tau, flight, piece, point, departure)
+        _raise_for(status)
+        return FirstInelasticImpact(time, int(target), w1)
+
+    def impact(self, tau: float, v: float) -> Impact:
+        """Return the impact map of a state (τ, v), v > 0, with its tangent matrix (2, 2): see `rattle.Gear.impact`.
+
+        A contact phase belongs to the step that begins with its chatter, and makes the tangent 0. Raises
+        ParameterError, and RattleError where the motion becomes quiet.
+
+        Returns
+        -------
+        Impact
+            The next state on Σ⁺, impacts on Σ⁻ before it, tangent matrix, and time.
+        """
+        v = require_number("v", v, positive=True)
+        status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step_tangent(_phase(tau), v, self._point)
+        _raise_for(status)
+        return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
+
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Return Π^n of arrays of states: see `rattle.inelastic.iterate`. Raises ParameterError."""
+        others = self.beta, self.restitution, self.load, self.harmonics
+        return iterate(self.delta, self.epsilon, tau, v, n, *others)
+
+    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times.
+
+        As `rattle.Gear.trajectory`; impact_speed is that of arrival. Raises ParameterError, and RattleError.
+
+        Returns
+        -------
+        Trajectory
+            Samples (points,), and all impacts on the way.
+        """
+        return trajectory(self._point, _phase(tau), v, periods, points)
+
+    def orbits(self) -> tuple[Orbit, ...]:
+        """Return the period-one motions that happen: A to D under one cosine, by letter; else P(1,1,0), each "P"."""
+        at = self.delta, self.epsilon, self.beta
+        added = {"restitution": self.restitution, "load": self.load}
+        if self.harmonics:
+            found = bounces(self._point)
+            return tuple(
+                Orbit("P", 1, 1, 0, each.tau, each.v, each.multipliers, abs(each.multipliers[0]) < 1.0, *at, added)
+                for each in found
+            )
+        known = self._period_one()
+        return tuple(
+            Orbit(
+                name,
+                1,
+                1,
+                N_MINUS[i],
+                float(known.tau[i]),
+                float(known.v[i]),
+                (complex(known.multipliers[i, 0]), complex(known.multipliers[i, 1])),
+                bool(known.stable[i]),
+                *at,
+                added,
+            )
+            for i, name in enumerate(NAMES)
+            if known.exists[i]
+        )
+
+    def _period_one(self) -> PeriodOne:
+        return period_one(self.delta, self.epsilon, self.beta, self.restitution, self.load)
+
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
+        """Return the periodic motion near (τ, v) that repeats itself after n_plus returns: see `periodic_orbit`."""
+        return inelastic_orbit(self._point, _phase(tau), v, n_plus)
+
+    def saddle(self, orbit: Orbit) -> NoReturn:
+        """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""
+        raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting one")
+
+    def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
+        """Raise RattleError: a motion is not followed from inside the gap, as after a shock."""
+        raise RattleError(
+            "motions that begin inside the gap are not followed for the inelastic gear: give τ and v on Σ⁺"
+        )
+
+    def region(self) -> int:
+        """Return the region that the period-one motions make under one cosine.
+
+        Returns
+        -------
+        int
+            Its number in `rattle.REGIONS`.
+
+        Raises
+        ------
+        RattleError
+            The forcing has harmonics, with which A to D are not known.
+        """
+        if self.harmonics:
+            raise RattleError("regions are those of one cosine: leave out the harmonics")
+        return int(classify(self._period_one()))
+
+    def _repr_html_(self) -> str:
+        return repr(self)
+
+
+def _phase(phase: float) -> float:
+    """One finite phase folded into [0, 1)."""
+    return float(folded(require_finite("phase", phase)))
+
+
+def _raise_for(status: int) -> None:
+    """Turn a kernel's status code into an exception."""
+    if status == IN_CONTACT:
+        raise RattleError("the motion becomes quiet: contact with Σ⁺ never ends, and there is no next impact")
+    if status != OK:
+        raise RattleError(f"no impact within {LONGEST:g} forcing periods, or parameters beyond double precision")

@@ -1,0 +1,1 @@
+"""Forcing of several harmonics, flights, impacts with restitution, contact phases, trajectories."""

@@ -1,0 +1,106 @@
+"""An inelastic motion from impact to impact, for what its impacts sum up to (compiled).
+
+A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` is met a
+million times over (`REST`). The rest takes less than
+2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and has less than REST² of the energy that a captured impact
+may have. The last impact that is followed has the whole contact phase with this rest for its duration and is left with
+speed 0, at the release; its impulse is that of all that happens until then, exactly: Φ' goes from the velocity of
+arrival to 0 while Φ returns to the wall, so that the wall gives the speed of arrival and the integral of the contact
+force.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+
+from rattle.flight.contact_phase import IN_CONTACT
+from rattle.flight.first_impact import OK
+from rattle.flight.forcing import TWO_PI, phase_at
+from rattle.flight.law import folded, wrapped
+from rattle.inelastic.map.contact import is_chatter_captured
+from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
+from rattle.inelastic.map.impact_map import InelasticPoint, piece_of
+from rattle.intensity.forces import force_lines
+from rattle.intensity.visit import bounce, mean_force_at
+from rattle.numerics.compile import for_type, inline, kernel
+
+REST = 1e-6  # of the largest speed that is captured, at which the rest of a chatter is summed
+
+
+@inline
+def primitive(tau, delta, harmonics):
+    """Return e' + δe at this phase, whose derivative is the part of the contact force that changes."""
+    found = 0.0
+    for j in range(harmonics.shape[1]):
+        turn = TWO_PI * harmonics[ORDER, j]
+        sine, cosine = phase_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
+        found += harmonics[AMPLITUDE, j] * (delta * cosine - turn * sine)
+    return found
+
+
+@inline
+def release_at(tau, zeros):
+    """Return the number of the release at this phase, which rounding may have moved."""
+    nearest, off = 0, math.inf
+    for i in range(zeros.size):
+        away = abs(wrapped(zeros[i] - tau))
+        if away < off:
+            nearest, off = i, away
+    return nearest
+
+
+@kernel
+def bounced_with_loss(wall, tau, w, point):
+    """See `rattle.intensity.visit.bounce`; a velocity of 0 is a release."""
+    delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
+    departure = np.empty((2, harmonics.shape[1]))
+    if w == 0.0:
+        if zeros.size == 0:
+            return IN_CONTACT, 0.0, wall, 0.0, 0.0, 0.0, 0.0
+        number = release_at(tau, zeros)
+        tau, piece = zeros[number], number + 1
+    else:
+        piece = piece_of(tau, zeros)
+    flight = leaving_forced(tau, w, delta, point.drift, harmonics, departure)
+    if zeros.size == 0 and is_chatter_captured(wall, abs(w), flight.force, point):
+        return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
+    status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
+    speed = abs(w1)
+    v = point.restitution * speed
+    if status != OK:
+        return status, s, wall, abs(w), 0.0, 0.0, abs(w)
+    landed = folded(tau + s)
+    force, _rate = force_at(landed, delta, point.drift, harmonics)
+    slow = v < REST * point.capture * force * force
+    if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
+        return OK, s, wall, speed, 0.0, speed + v, v
+    piece = piece_of(landed, zeros)
+    end = zeros[piece] if piece < zeros.size else zeros[0] + 1.0
+    change = primitive(end, delta, harmonics) - primitive(landed, delta, harmonics)
+    pressed = wall * (delta * point.drift * (end - landed) + change)
+    return OK, s, wall, speed, end - landed, speed + pressed, 0.0
+
+
+@for_type(bounce, InelasticPoint)
+def _bounce(wall, tau, w, point):
+    return bounced_with_loss(wall, tau, w, point)
+
+
+@for_type(mean_force_at, InelasticPoint)
+def _mean_force_at(point):
+    return point.delta * point.drift
+
+
+@force_lines.register
+def _(point: InelasticPoint) -> list[tuple[float, complex]]:
+    """Two lines for each harmonic."""
+    lines = [(0.0, complex(point.delta * point.drift))]
+    for order, amplitude, phase in point.harmonics.T.tolist():
+        omega = TWO_PI * order
+        size = 0.5 * amplitude * cmath.exp(1j * TWO_PI * phase) * complex(-omega * omega, omega * point.delta)
+        lines += [(omega, size), (-omega, size.conjugate())]
+    return lines

@@ -1,0 +1,146 @@
+"""Cells of the inelastic gear as kernels take them, and the point of each (compiled).
+
+What a cell needs of its forcing is found once: the zeros of its contact force, bounds, and what is captured.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.flight.forcing import DRIFT
+from rattle.inelastic.map.contact import capture_of, quiet_invariant
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, bounds_of, forcing_shape, isolated_zeros, most_zeros
+from rattle.inelastic.map.impact_map import InelasticPoint
+from rattle.numerics.compile import for_type, kernel
+from rattle.orbits.return_map import between, point_of
+
+
+class InelasticCells(NamedTuple):
+    """Parameters of the cells (n,), the shape (3, K) of the forcing that all have, and what follows for each cell.
+
+    zeros (n, room): those of its contact force, zero_count (n,) of them. positive (n,): 1 where this force is positive
+    at phase 0. The others (n,) as in `InelasticPoint`.
+    """
+
+    delta: Any
+    epsilon: Any
+    beta: Any
+    restitution: Any
+    load: Any
+    shape: Any
+    zeros: Any
+    zero_count: Any
+    positive: Any
+    third: Any
+    capture: Any
+    quiet_invariant: Any
+
+
+@kernel
+def scaled(shape, epsilon):
+    """Harmonics (3, K) of a forcing of this amplitude."""
+    harmonics = shape.copy()
+    harmonics[AMPLITUDE] *= epsilon
+    return harmonics
+
+
+@kernel
+def fill_cells(cells):
+    """Find what follows from the parameters of cells."""
+    for i in range(cells.delta.size):
+        delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
+        harmonics = scaled(cells.shape, cells.epsilon[i])
+        count, positive = isolated_zeros(delta, drift, harmonics, cells.zeros[i])
+        cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
+        cells.third[i] = bounds_of(delta, harmonics).third
+        cells.capture[i] = capture_of(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
+        if count == 0 and positive:
+            cells.quiet_invariant[i] = quiet_invariant(delta, drift, cells.beta[i], harmonics)
+
+
+@kernel
+def point_at(cell, cells):
+    """Return the parameter point of a cell."""
+    return InelasticPoint(
+        cells.delta[cell],
+        cells.epsilon[cell],
+        cells.beta[cell],
+        cells.restitution[cell],
+        DRIFT * (1.0 + cells.load[cell]),
+        scaled(cells.shape, cells.epsilon[cell]),
+        cells.zeros[cell, : cells.zero_count[cell]].copy(),
+        cells.positive[cell] == 1,
+        cells.third[cell],
+        cells.capture[cell],
+        cells.quiet_invariant[cell],
+    )
+
+
+@for_type(point_of, InelasticCells)
+def _point_of(cell, cells):
+    return point_at(cell, cells)
+
+
+@for_type(between, InelasticPoint)
+def _between(share, one, other):
+    delta = one.delta + share * (other.delta - one.delta)
+    harmonics = one.harmonics + share * (other.harmonics - one.harmonics)
+    room = np.empty(2 * int(harmonics[ORDER].max()) + 2)
+    count, positive = isolated_zeros(delta, one.drift, harmonics, room)
+    quiet = count == 0 and positive
+    return InelasticPoint(
+        delta,
+        one.epsilon + share * (other.epsilon - one.epsilon),
+        one.beta,
+        one.restitution,
+        one.drift,
+        harmonics,
+        room[:count].copy(),
+        positive,
+        bounds_of(delta, harmonics).third,
+        capture_of(delta, one.restitution, harmonics) if one.restitution < 1.0 else 0.0,
+        quiet_invariant(delta, one.drift, one.beta, harmonics) if quiet else 0.0,
+    )
+
+
+def inelastic_cells(
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    restitution: NDArray[np.float64],
+    load: NDArray[np.float64],
+    harmonics: Any = (),
+) -> InelasticCells:
+    """Return cells with these parameters (n,) and harmonics beside the first, as kernels take them."""
+    return cells_with(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
+
+
+def cells_with(
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    restitution: NDArray[np.float64],
+    load: NDArray[np.float64],
+    shape: NDArray[np.float64],
+) -> InelasticCells:
+    """Return cells with these parameters (n,) and this shape (3, K) of the forcing."""
+    n = delta.size
+    given = {"delta": delta, "epsilon": epsilon, "beta": beta, "restitution": restitution, "load": load}
+    cells = InelasticCells(
+        **{name: np.ascontiguousarray(x, np.float64) for name, x in given.items()},
+        shape=shape,
+        zeros=np.zeros((n, most_zeros(shape) + 2)),
+        **{name: np.zeros(n, np.int64) for name in ("zero_count", "positive")},
+        **{name: np.zeros(n) for name in ("third", "capture", "quiet_invariant")},
+    )
+    fill_cells(cells)
+    return cells
+
+
+def point_with(
+    delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
+) -> InelasticPoint:
+    """Return one parameter point, as kernels take it."""
+    d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
+    return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))

@@ -1,0 +1,66 @@
+"""Chatter that completes, and the contact phase that follows (compiled).
+
+Impacts with restitution r < 1 die out in finite time where the contact force h = ±g presses on the wall. From an impact
+at time t that is left with speed v, let h be positive on [t, t + T], h_min its minimum there and V the variation of
+ln h. Over a bounce ∫ h = v + v₁, v₁ the speed of arrival, and the work of h gives v₁ ≤ v √(h_max/h_min) with the
+extremes of h over that bounce; drag makes it less. So the impacts are left with speeds of at most r^k v e^(V/2), and
+all flights together last at most
+
+    2 v e^(V/2) / ((1 − r) h_min).
+
+If that is no more than T, the chatter is complete before T is over. With |h'| ≤ L and T = x h/L, h_min ≥ (1 − x) h and
+V ≤ −ln(1 − x); x = 2/5 allows the largest v, LEAST_SHARE (1 − r) h²/L. No bounce is higher than v²/(2 (1 − x)² h).
+Then the teeth stay together until the force turns away, at a zero of g that is known beforehand: `is_chatter_captured`
+decides this without following the impacts, and where the chatter ends does not matter to what comes after.
+
+Elastic impacts never end. With r = 1 quiet motion is certain by the adiabatic law of `rattle.impacting.map.quiet`, in
+which the fastest harmonic takes the place of the first one (`quiet_invariant`).
+"""
+
+import math
+
+from rattle.flight.contact_phase import is_captured as is_quiet
+from rattle.impacting.map.quiet import largest_eta
+from rattle.inelastic.map.harmonics import ORDER, bounds_of, force_at
+from rattle.numerics.compile import inline, kernel
+
+SHARE = 0.4  # x, of the time in which the force might vanish
+LEAST_SHARE = 0.5 * SHARE * (1.0 - SHARE) ** 1.5
+PHASES = 64  # of the fastest harmonic, at which the smallest contact force is looked for
+
+
+@inline
+def capture_of(delta, restitution, harmonics):
+    """v/h² up to which a chatter is certain to complete."""
+    return LEAST_SHARE * (1.0 - restitution) / bounds_of(delta, harmonics).force_rate
+
+
+@inline
+def is_chatter_captured(wall, v, force, point):
+    """Return whether an impact, left with speed v under the contact force g, is certain to lead to contact."""
+    pressing = wall * force
+    if not pressing > 0.0:
+        return False
+    if wall > 0 and is_quiet(v, force, point.quiet_invariant):
+        return True
+    low = v * v <= 4.0 * (1.0 - SHARE) ** 2 * point.beta * pressing  # a bounce stays clear of the other wall
+    return low and v <= point.capture * pressing * pressing
+
+
+@kernel
+def quiet_invariant(delta, drift, beta, harmonics):
+    """Return the largest v³/g that is certain to become quiet when r = 1; 0 where g is not positive throughout."""
+    highest = 0.0
+    for j in range(harmonics.shape[1]):
+        highest = max(highest, harmonics[ORDER, j])
+    fastest, smallest = 0.0, math.inf
+    count = int(PHASES * highest)
+    for i in range(count):
+        force, rate = force_at(i / count, delta, drift, harmonics)
+        if not force > 0.0:
+            return 0.0
+        r = max(abs(rate) / force, math.pi * highest, delta)
+        fastest = max(fastest, r * r * r / (force * force))
+        smallest = min(smallest, force)
+    eta = largest_eta(delta / highest)
+    return min(eta * eta * eta / fastest, (2.0 * beta) ** 1.5 * math.sqrt(smallest))

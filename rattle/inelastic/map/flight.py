@@ -1,0 +1,245 @@
+"""Free flight under a forcing of several harmonics, and its first impact (compiled).
+
+A flight leaves a wall at phase t₀ with velocity w. With A = q + e'(t₀) − w and k(x) = e^(−x) − 1 + x,
+
+    F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ + [e(t₀ + s) − e(t₀) − s e'(t₀)],    F'' + δF' = g(t₀ + s),
+
+each term without cancellation for short flights, as in `rattle.flight.law`. e^(δs) F' has the derivative e^(δs) g: it
+is monotone between two zeros of g, so that F has one extremum at most there. The search goes from piece to piece; on
+each it knows from both ends, and if need be from the extremum, whether F reaches a wall: it cannot skip an impact.
+"""
+
+import math
+from typing import NamedTuple
+
+from rattle.flight.first_impact import BISECTED, LONGEST, MOST_STEPS, NO_IMPACT, OK
+from rattle.flight.forcing import TWO_PI, phase_at, versines
+from rattle.flight.law import LONGEST_DECAY, decay64
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
+from rattle.numerics.compile import inline, kernel
+
+LONGEST_PIECE = 0.5  # forcing periods; a longer piece is cut
+FIRST_PIECE = 0.25  # where the force draws the motion off its wall
+BEYOND = 1.2  # a bounce ends near 2|w|/|F''|: the first piece is this much longer, so that it holds the end
+COSINE, SINE = range(2)  # rows of the departure's array (2, K): a cos and a sin of each harmonic at t₀
+
+
+class InelasticFlight(NamedTuple):
+    """Parts of F of one flight, beside the departure's array."""
+
+    w: float  # velocity of departure
+    a: float  # A = q + e'(t₀) − w
+    bend: float  # e''(t₀)
+    force: float  # g(t₀)
+    delta: float
+
+
+@inline
+def leaving_forced(tau, w, delta, drift, harmonics, departure):
+    """Return the flight that leaves at this phase with this velocity, and fill the departure's array."""
+    slope, bend = 0.0, 0.0
+    for j in range(harmonics.shape[1]):
+        turn = TWO_PI * harmonics[ORDER, j]
+        sine, cosine = phase_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
+        departure[COSINE, j], departure[SINE, j] = harmonics[AMPLITUDE, j] * cosine, harmonics[AMPLITUDE, j] * sine
+        slope -= turn * departure[SINE, j]
+        bend -= turn * turn * departure[COSINE, j]
+    return InelasticFlight(w, drift + slope - w, bend, delta * (drift + slope) + bend, delta)
+
+
+@inline
+def evaluate_forced(s, flight, harmonics, departure):
+    """Return F, F' and F'' after s, and 1 − e^(−δs)."""
+    w, a, _bend, _force, delta = flight
+    x = delta * s
+    if x <= LONGEST_DECAY:
+        k = x * decay64(x)  # k(δs)/(δs)
+        lost = x * (1.0 - k)
+        f0 = s * (w + a * k)
+    else:
+        lost = -math.expm1(-x)
+        f0 = w * s + a * ((x - lost) / delta)
+    f1, f2 = w + a * lost, delta * a * (1.0 - lost)
+    for j in range(harmonics.shape[1]):
+        turn = TWO_PI * harmonics[ORDER, j]
+        omc, sine, defect = versines(harmonics[ORDER, j] * s)
+        cos0, sin0 = departure[COSINE, j], departure[SINE, j]
+        f0 += sin0 * defect - cos0 * omc
+        f1 += turn * (sin0 * omc - cos0 * sine)
+        f2 -= turn * turn * (cos0 - cos0 * omc - sin0 * sine)
+    return f0, f1, f2, lost
+
+
+@kernel
+def forced_root(low, high, guess, level, rising, third, flight, harmonics, departure):
+    """Return the crossing F = level in (low, high), where there is one only: Halley steps in a shrinking bracket.
+
+    A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|; the last leaves rounding.
+
+    Returns
+    -------
+    float
+        The time of the crossing.
+    """
+    s = guess
+    if not (low < s < high):
+        s = 0.5 * (low + high)
+    for k in range(1, MOST_STEPS + 1):
+        f0, f1, f2, _lost = evaluate_forced(s, flight, harmonics, departure)
+        f0 -= level
+        if (f0 > 0.0) == rising:
+            high = s
+        else:
+            low = s
+        u, p = -f0 / f1, 0.5 * f2 / f1
+        u /= 1.0 + u * p
+        bend = p * p + abs(third / f1)
+        new = s + u
+        inside = low <= new <= high
+        if inside and abs(u) * u * u * bend < 1e-17 * s:
+            return new
+        if not inside or k % BISECTED == 0:
+            new = 0.5 * (low + high)
+        if new == s or low == high:
+            return new
+        s = new
+    return s
+
+
+@kernel
+def forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
+    """Return the zero of F' in (low, high), where e^(δs) F' is monotone, so close that F there is exact to rounding."""
+    s = guess
+    if not (low < s < high):
+        s = 0.5 * (low + high)
+    for k in range(1, MOST_STEPS + 1):
+        _f0, f1, f2, _lost = evaluate_forced(s, flight, harmonics, departure)
+        if (f1 > 0.0) == convex:
+            high = s
+        else:
+            low = s
+        force = f2 + flight.delta * f1
+        u = -f1 / force
+        new = s + u
+        inside = low <= new <= high
+        bend = abs(third / force) + flight.delta
+        if inside and u * u * bend < 1e-10 * min(s, 1.0):
+            return new
+        if not inside or k % BISECTED == 0:
+            new = 0.5 * (low + high)
+        if new == s or low == high:
+            return new
+        s = new
+    return s
+
+
+@inline
+def lowest_bound(length, g0, slope0, g1, slope1, delta):
+    """Return a lower bound of G on a piece on which e^(δs) G' rises from below 0 to above 0.
+
+    G lies above both of its tangents but for the damping, for which the second tangent is taken steeper.
+
+    Returns
+    -------
+    float
+        The height at which both lines meet; −∞ where a piece is too long for the bound.
+    """
+    x = delta * length
+    if not x < 0.5:
+        return -math.inf
+    steep = slope1 / (1.0 - x)  # at least slope1 e^x
+    return g0 + slope0 * ((g1 - g0 - steep * length) / (slope0 - steep))
+
+
+@kernel
+def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
+    """Return the first crossing of F = lower downwards or F = upper upwards on a piece from s0 to s1.
+
+    G = sign F, with the sign of g on the piece, falls, has its minimum, and rises, or does a part of that.
+
+    Returns
+    -------
+    wall : int
+        The wall that is reached, +1 or −1; 0 if there is no crossing.
+    time : float
+        The time of the crossing.
+    """
+    g0, slope0, g1, slope1 = sign * f0, sign * f1, sign * e0, sign * e1
+    low, high = (lower, upper) if sign > 0 else (-upper, -lower)
+    begin = s0
+    if slope0 < 0.0:
+        end, reached = s1, g1
+        if slope1 > 0.0:
+            if lowest_bound(s1 - s0, g0, slope0, g1, slope1, flight.delta) > low:
+                reached = low
+            else:
+                turn = s0 + (s1 - s0) * slope0 / (slope0 - slope1)
+                end = forced_extremum(s0, s1, turn, sign > 0, third, flight, harmonics, departure)
+                reached = sign * evaluate_forced(end, flight, harmonics, departure)[0]
+                begin = end
+        if reached < low:
+            first = s0 + (low - g0) / (reached - g0) * (end - s0)
+            return -sign, forced_root(s0, end, first, sign * low, sign < 0, third, flight, harmonics, departure)
+    if slope1 > 0.0 and g1 > high:
+        return sign, forced_root(begin, s1, guess, sign * high, sign > 0, third, flight, harmonics, departure)
+    return 0, s1
+
+
+@kernel
+def first_forced_impact(wall, tau, flight, piece, point, departure):
+    """Return the first impact of a flight from a wall, at a phase in the piece of this number.
+
+    Returns
+    -------
+    tuple
+        (status, flight time s, wall, F', F'', 1 − e^(−δs)) at the impact.
+    """
+    harmonics, zeros = point.harmonics, point.zeros
+    upper = 0.0 if wall > 0 else 2.0 * point.beta
+    lower = upper - 2.0 * point.beta
+    delta, count = flight.delta, zeros.size
+    third = point.third + delta * delta * abs(flight.a)
+    sign = 1 if (piece % 2 == 0) == point.positive else -1
+    turns = 0.0
+    if piece == count:
+        piece, turns = 0, 1.0
+    zero = zeros[piece] + turns - tau if count > 0 else math.inf
+    s, f0, f1 = 0.0, 0.0, flight.w
+    length, guess = FIRST_PIECE, math.nan
+    outwards = wall * (flight.force - delta * flight.w)
+    if outwards > 0.0 and wall * flight.w < 0.0:  # not a release, where the force is 0 to rounding
+        guess = -2.0 * wall * flight.w / outwards
+        length = min(BEYOND * guess, LONGEST_PIECE)
+    while s < LONGEST:
+        ends = not s + length < zero
+        e = zero if ends else s + length
+        if e > s:
+            e0, e1, _f2, _lost = evaluate_forced(e, flight, harmonics, departure)
+            if not abs(e0) < math.inf:
+                break
+            target, t = crossing_on_piece(
+                sign, s, f0, f1, e, e0, e1, guess, lower, upper, third, flight, harmonics, departure
+            )
+            if target != 0:
+                _f0, w1, bend, lost = evaluate_forced(t, flight, harmonics, departure)
+                return OK, t, target, target * max(target * w1, 0.0), bend, lost
+            s, f0, f1 = e, e0, e1
+        if ends:
+            sign, piece = -sign, piece + 1
+            if piece == count:
+                piece, turns = 0, turns + 1.0
+            zero = zeros[piece] + turns - tau
+        length, guess = min(2.0 * length, LONGEST_PIECE), math.nan
+    return NO_IMPACT, s, wall, flight.w, 0.0, 0.0
+
+
+@inline
+def forced_tangent(w1, bend1, lost, restitution, flight):
+    """Return ∂(t₁, w₁ after the impact)/∂(t₀, w₀) of a flight and the impact at its end, row by row."""
+    decay = 1.0 - lost
+    change = w1 - flight.w - flight.a * lost  # e'(t₁) − e'(t₀)
+    f_w = lost / flight.delta
+    f_t = change - flight.bend * f_w
+    v_t = bend1 - flight.delta * flight.a * decay - flight.bend * decay
+    s_t, s_w = -f_t / w1, -f_w / w1
+    return 1.0 + s_t, s_w, -restitution * (bend1 * s_t + v_t), -restitution * (bend1 * s_w + decay)

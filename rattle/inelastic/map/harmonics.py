@@ -1,0 +1,140 @@
+"""The forcing as a sum of harmonics, the contact force that it makes, and the zeros of this force (compiled).
+
+    e(t) = Σ a cos 2π(k t + φ),    g(t) = δq + e''(t) + δe'(t)
+
+k is the order of a harmonic, a its amplitude, φ its phase in turns. The zeros of g cut a flight into pieces with one
+extremum at most, and contact ends at a zero; so they are found once for each parameter point, with a proof that none
+is missed: `isolated_zeros`.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.flight.forcing import TWO_PI, phase_at
+from rattle.numerics.compile import inline, kernel
+
+ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
+CLOSEST = 1e-9  # zeros of g closer than this may be treated as one, or as none where g keeps its sign around them
+DEEPEST = 64  # intervals that wait to be looked at: each halving adds one, and 2^−31 is below CLOSEST
+
+
+class Bounds(NamedTuple):
+    """Bounds over a period: |g'|, |g''| and |e'''|."""
+
+    force_rate: float
+    force_bend: float
+    third: float
+
+
+@inline
+def force_at(tau, delta, drift, harmonics):
+    """Return g and g' at this phase."""
+    force, rate = delta * drift, 0.0
+    for j in range(harmonics.shape[1]):
+        turn = TWO_PI * harmonics[ORDER, j]
+        sine, cosine = phase_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
+        size = turn * harmonics[AMPLITUDE, j]
+        force -= size * (turn * cosine + delta * sine)
+        rate += size * turn * (turn * sine - delta * cosine)
+    return force, rate
+
+
+@inline
+def bounds_of(delta, harmonics):
+    """Return the `Bounds`, each the sum of those of the harmonics."""
+    rate, bend, third = 0.0, 0.0, 0.0
+    for j in range(harmonics.shape[1]):
+        turn = TWO_PI * harmonics[ORDER, j]
+        size = abs(harmonics[AMPLITUDE, j]) * turn
+        rate += size * turn * math.hypot(turn, delta)
+        bend += size * turn * turn * math.hypot(turn, delta)
+        third += size * turn * turn
+    return Bounds(rate, bend, third)
+
+
+@kernel
+def force_zero_between(low, high, falling, delta, drift, harmonics):
+    """Return the zero of g in (low, high), where g is monotone and changes its sign: Newton steps inside a bracket."""
+    t = 0.5 * (low + high)
+    for _ in range(100):
+        force, rate = force_at(t, delta, drift, harmonics)
+        if (force > 0.0) == falling:
+            low = t
+        else:
+            high = t
+        new = t - force / rate
+        if not (low < new < high):
+            new = 0.5 * (low + high)
+        if new == t or not (low < new < high):
+            return new
+        t = new
+    return t
+
+
+@kernel
+def isolated_zeros(delta, drift, harmonics, zeros):
+    """Write the zeros of g in [0, 1), rising, to zeros.
+
+    An interval of half-width h around c is halved until it has no zero, |g(c)| > h |g'(c)| + h² max|g''|/2, or g is
+    monotone on it, |g'(c)| > h max|g''|, and has as many zeros as its ends say: none or one. One that is narrower than
+    `CLOSEST` counts likewise. So two zeros can be missed that are closer than that, between which |g| < 1e-18 max|g''|.
+
+    Returns
+    -------
+    count : int
+        The number of zeros.
+    positive : bool
+        Whether g is positive at phase 0.
+    """
+    bend = bounds_of(delta, harmonics).force_bend
+    positive = force_at(0.0, delta, drift, harmonics)[0] > 0.0
+    low, high = np.empty(DEEPEST), np.empty(DEEPEST)
+    low[0], high[0] = 0.0, 1.0
+    waiting, found, before = 1, 0, positive
+    while waiting > 0:
+        waiting -= 1
+        left, right = low[waiting], high[waiting]
+        middle, half = 0.5 * (left + right), 0.5 * (right - left)
+        force, rate = force_at(middle, delta, drift, harmonics)
+        if abs(force) > half * (abs(rate) + 0.5 * half * bend):
+            continue
+        if half > 0.5 * CLOSEST and not abs(rate) > half * bend:
+            low[waiting], high[waiting] = middle, right
+            low[waiting + 1], high[waiting + 1] = left, middle
+            waiting += 2
+            continue
+        after = positive if right == 1.0 else force_at(right, delta, drift, harmonics)[0] > 0.0
+        if after != before:
+            at = middle
+            if abs(rate) > half * bend:
+                at = force_zero_between(left, right, before, delta, drift, harmonics)
+            zeros[found] = at
+            found += 1
+            before = after
+    return found, positive
+
+
+def most_zeros(harmonics: NDArray[np.float64]) -> int:
+    """Return the number of zeros that g has at most: two for each order up to the highest."""
+    return 2 * int(harmonics[ORDER].max())
+
+
+def forcing_shape(harmonics: Any) -> NDArray[np.float64]:
+    """Return the array (3, K) of a forcing with ε = 1: the first harmonic, cos 2πt, and what is given beside it.
+
+    Parameters
+    ----------
+    harmonics : sequence of (int, float, float)
+        Order, amplitude over that of the first harmonic, and phase in turns. One of order 1 stands for the first.
+
+    Returns
+    -------
+    ndarray, (3, K)
+        Orders, amplitudes and phases.
+    """
+    given = [(float(order), size, phase) for order, size, phase in harmonics]
+    rows = given if given and given[0][0] == 1.0 else [(1.0, 1.0, 0.0), *given]
+    return np.ascontiguousarray(np.array(rows).T)

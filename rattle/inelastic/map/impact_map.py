@@ -1,0 +1,181 @@
+"""The impact map Π on Σ⁺ of the inelastic gear, with its tangent map (compiled).
+
+A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_chatter_captured`), the chatter
+that follows, the contact phase and its release belong to the step, and count as this one impact: the motion then leaves
+at the release with speed 0. Π is constant where states are captured before the same release, and its tangent map 0. On
+Σ⁻ a run of impacts that ends in contact counts as one.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES
+from rattle.flight.first_impact import OK, SIGMA_PLUS
+from rattle.flight.law import folded
+from rattle.inelastic.map.contact import is_chatter_captured
+from rattle.inelastic.map.flight import first_forced_impact, forced_tangent, leaving_forced
+from rattle.numerics.compile import for_type, inline, kernel
+from rattle.orbits import return_map
+
+
+class InelasticPoint(NamedTuple):
+    """A parameter point, with what follows from its forcing.
+
+    harmonics (3, K): with amplitudes of this ε. zeros (n,): those of the contact force. positive: whether this force is
+    positive at phase 0. third: a bound of |e‴|. capture, quiet_invariant: v/h² and v³/g up to which an impact is
+    captured.
+    """
+
+    delta: float
+    epsilon: float
+    beta: float
+    restitution: float
+    drift: float
+    harmonics: Any
+    zeros: Any
+    positive: bool
+    third: float
+    capture: float
+    quiet_invariant: float
+
+
+@inline
+def piece_of(tau, zeros):
+    """Return the number of zeros of the contact force up to a phase."""
+    low, high = 0, zeros.size
+    while low < high:
+        middle = (low + high) // 2
+        if zeros[middle] <= tau:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def leave(wall, tau, w, piece, point, departure):
+    """Return the flight that follows an impact, after the contact phase if there is one.
+
+    Speed 0 in a piece that begins at a zero is a release.
+
+    Returns
+    -------
+    contact : bool
+        Whether the flight follows a contact phase.
+    wait : float
+        Time to the release, infinite if contact never ends.
+    tau, piece, flight
+        Phase of departure, the number of its piece, and the flight.
+    """
+    delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
+    flight = leaving_forced(tau, w, delta, point.drift, harmonics, departure)
+    if not is_chatter_captured(wall, abs(w), flight.force, point):
+        return False, 0.0, tau, piece, flight
+    if zeros.size == 0:
+        return True, math.inf, tau, piece, flight
+    number = piece if piece < zeros.size else 0
+    release = zeros[number]
+    wait = release - tau if piece < zeros.size else release + 1.0 - tau
+    flight = leaving_forced(release, 0.0, delta, point.drift, harmonics, departure)
+    return True, wait, release, number + 1, flight
+
+
+@kernel
+def step_tangent(tau, v, point):
+    """Return Π of a state with its tangent map.
+
+    Returns
+    -------
+    tuple
+        (status, τ', v', time, impacts on Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2), contact phases on Σ⁺, on Σ⁻).
+    """
+    departure = np.empty((2, point.harmonics.shape[1]))
+    wall, w, time, n_minus, run, bounces = SIGMA_PLUS, -v, 0.0, 0, 0, 0
+    j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
+    on_plus, on_minus = 0, 0
+    loss = 2.0 * math.log(point.restitution)
+    piece = piece_of(tau, point.zeros)
+    while True:
+        begun = tau
+        contact, wait, tau, piece, flight = leave(wall, begun, w, piece, point, departure)
+        if contact:
+            if wait == math.inf:
+                return IN_CONTACT, begun, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
+            time += wait
+            j00, j01, j10, j11, log_det = 0.0, 0.0, 0.0, 0.0, -math.inf
+            if wall > 0:
+                on_plus += 1
+            else:
+                on_minus += 1
+                n_minus -= run - 1
+                run = 0
+        status, s, wall, w1, bend1, lost = first_forced_impact(wall, tau, flight, piece, point, departure)
+        if status != OK:
+            return status, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
+        k00, k01, k10, k11 = forced_tangent(w1, bend1, lost, point.restitution, flight)
+        if log_det > -math.inf:  # else the tangent stays 0, at a graze too
+            j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
+            j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
+            log_det += loss - point.delta * s
+        time += s
+        tau = folded(tau + s)
+        piece = piece_of(tau, point.zeros)
+        w = -point.restitution * w1
+        if wall > 0:
+            # dv = −dw at both ends
+            return OK, tau, abs(w), time, n_minus, j00, -j01, -j10, j11, log_det, on_plus, on_minus
+        n_minus += 1
+        run += 1
+        bounces += 1
+        if bounces > MOST_BOUNCES:
+            return ENDLESS, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
+
+
+@kernel
+def step(tau, v, point):
+    """Return Π of a state: (status, τ', v', time, impacts on Σ⁻, contact phases on Σ⁺, on Σ⁻)."""
+    departure = np.empty((2, point.harmonics.shape[1]))
+    wall, w, time, n_minus, run, bounces = SIGMA_PLUS, -v, 0.0, 0, 0, 0
+    on_plus, on_minus = 0, 0
+    piece = piece_of(tau, point.zeros)
+    while True:
+        begun = tau
+        contact, wait, tau, piece, flight = leave(wall, begun, w, piece, point, departure)
+        if contact:
+            if wait == math.inf:
+                return IN_CONTACT, begun, abs(w), time, n_minus, on_plus, on_minus
+            time += wait
+            if wall > 0:
+                on_plus += 1
+            else:
+                on_minus += 1
+                n_minus -= run - 1
+                run = 0
+        status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
+        if status != OK:
+            return status, tau, abs(w), time, n_minus, on_plus, on_minus
+        time += s
+        tau = folded(tau + s)
+        piece = piece_of(tau, point.zeros)
+        w = -point.restitution * w1
+        if wall > 0:
+            return OK, tau, abs(w), time, n_minus, on_plus, on_minus
+        n_minus += 1
+        run += 1
+        bounces += 1
+        if bounces > MOST_BOUNCES:
+            return ENDLESS, tau, abs(w), time, n_minus, on_plus, on_minus
+
+
+@for_type(return_map.step, InelasticPoint)
+def _step(tau, v, point):
+    status, tau1, v1, time, n_minus, _plus, _minus = step(tau, v, point)
+    return status, tau1, v1, time, n_minus
+
+
+@for_type(return_map.step_tangent, InelasticPoint)
+def _step_tangent(tau, v, point):
+    status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det, _plus, _minus = step_tangent(tau, v, point)
+    return status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det

@@ -1,0 +1,159 @@
+"""The impact map of the inelastic gear on whole arrays: every element its own trajectory and its own parameters."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import ParameterError, require
+from rattle.flight.contact_phase import IN_CONTACT
+from rattle.flight.first_impact import OK
+from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
+from rattle.inelastic.map.cells import InelasticCells, inelastic_cells, point_at
+from rattle.inelastic.map.impact_map import step, step_tangent
+from rattle.numerics.compile import kernel
+from rattle.orbits.iterates import Iterates, Stretched, fold
+from rattle.parameters import Parameters
+
+
+@kernel
+def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
+    """Π^n of flat arrays in place; quiet: 1 where contact never ends after n_plus < n returns, which keeps its state.
+
+    n_plus and n_minus count impacts on each wall, a chatter that completes as in `impact_map`; contacts its phases.
+    """
+    for i in range(tau.size):
+        point = point_at(cell[i], cells)
+        while n_plus[i] < n[i]:
+            code, tau1, v1, duration, below, on_plus, on_minus = step(tau[i], v[i], point)
+            if code != OK:
+                quiet[i] = np.int8(code == IN_CONTACT)
+                break
+            tau[i], v[i] = tau1, v1
+            n_plus[i] += 1
+            n_minus[i] += below
+            contacts[i] += on_plus + on_minus
+            time[i] += duration
+
+
+@kernel
+def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
+    """Follow states with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+    for i in range(tau.size):
+        point = point_at(cell[i], cells)
+        x, y = 1.0, 0.0
+        while n_plus[i] < n[i]:
+            code, tau1, v1, time, below, j00, j01, j10, j11, log_det, _p, _m = step_tangent(tau[i], v[i], point)
+            if code != OK:
+                break
+            x, y = j00 * x + j01 / v[i] * y, v1 * (j10 * x + j11 / v[i] * y)
+            size = math.hypot(x, y)
+            if size > 0.0:
+                x, y = x / size, y / size
+            else:
+                x, y = 1.0, 0.0
+            growth[0, i] += time
+            growth[1, i] += math.log(size)
+            growth[2, i] += log_det
+            tau[i], v[i] = tau1, v1
+            n_plus[i] += 1
+            n_minus[i] += below
+
+
+def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tuple[list[Any], Any, tuple[int, ...]]:
+    """Flat copies of (τ, v, n, number of the cell), the cells, and the broadcast shape. Raises ParameterError."""
+    number = np.arange(at.size).reshape(at.shape)
+    try:
+        phases, speeds, steps, cell = np.broadcast_arrays(
+            np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n), number
+        )
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"tau, v, n and the parameters must broadcast: {error}") from None
+    require(bool(np.isfinite(phases).all()), "tau must be finite")
+    require(bool((np.isfinite(speeds) & (speeds > 0)).all()), "v must be finite and greater than 0")
+    require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
+    flat = at.flat()
+    added = flat.added["restitution"], flat.added["load"]
+    cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, at.harmonics)
+    arrays = (fold(phases), speeds, steps.astype(np.int64), cell)
+    return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
+
+
+def _counts(size: int, number: int) -> list[NDArray[np.int64]]:
+    return [np.zeros(size, np.int64) for _ in range(number)]
+
+
+def iterate(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    tau: ArrayLike,
+    v: ArrayLike,
+    n: ArrayLike,
+    beta: ArrayLike = 0.6,
+    restitution: ArrayLike = 1.0,
+    load: ArrayLike = 0.0,
+    harmonics: Harmonics = (),
+) -> Iterates:
+    """Return Π^n of states, as `rattle.iterate` does for elastic impacts.
+
+    Parameters
+    ----------
+    delta, epsilon, beta, restitution, load : array_like
+        The parameters, which broadcast with the states: see `rattle.Gear`.
+    tau, v : array_like
+        Phase and speed (> 0) after an impact on Σ⁺.
+    n : array_like of int
+        Impacts on Σ⁺. One after which a chatter is certain to complete counts with all that follow it up to the
+        release, so that a motion that becomes quiet keeps its last state and has n_plus < n.
+    harmonics : sequence of (int, float, float)
+        The harmonics beside the first.
+
+    Returns
+    -------
+    Iterates
+        States and impacts on both walls.
+
+    Raises
+    ------
+    ParameterError
+        A number is outside its domain.
+    """
+    at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
+    n_plus, n_minus, contacts = _counts(tau_.size, 3)
+    returned_states(
+        tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
+    )
+    return Iterates(tau_.reshape(shape), v_.reshape(shape), n_plus.reshape(shape), n_minus.reshape(shape))
+
+
+def iterate_tangent(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    tau: ArrayLike,
+    v: ArrayLike,
+    n: ArrayLike,
+    beta: ArrayLike = 0.6,
+    restitution: ArrayLike = 1.0,
+    load: ArrayLike = 0.0,
+    harmonics: Harmonics = (),
+) -> Stretched:
+    """Return what `iterate` does, with both Lyapunov exponents over the n impacts: see `rattle.iterate_tangent`.
+
+    λ₁ + λ₂ is −δ + 2 ln r times the impacts per forcing period. Both are −∞ (the second NaN, as their difference) after
+    a contact phase. Raises ParameterError.
+
+    Returns
+    -------
+    Stretched
+        States, impacts on both walls, and exponents.
+    """
+    at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
+    n_plus, n_minus = _counts(tau_.size, 2)
+    growth = np.zeros((3, tau_.size))
+    stretched_states(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
+    return Stretched.of((tau_, v_, n_plus, n_minus), growth, shape)

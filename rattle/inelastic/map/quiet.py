@@ -1,0 +1,53 @@
+"""The quiet limit of any forcing: the ε from which the contact force changes its sign."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rattle.flight.forcing import TWO_PI
+from rattle.inelastic.map.harmonics import ORDER, PHASE, bounds_of, forcing_shape
+
+PHASES = 64  # of the fastest harmonic, at which the force is looked at first
+
+
+def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
+    """Return the smallest ε at which the contact force g reaches 0 (`least_force`)."""
+    return least_force(delta, drift, forcing_shape(harmonics))[1]
+
+
+def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
+    """Return where g = δq + ε G(t) reaches 0 first as ε grows, G the force of the shape (3, K), and ε = δq/max(−G).
+
+    The largest −G of a grid is improved by Newton's method on G' inside its interval; between the phases of the grid
+    other maxima can be higher by bend h²/2 at most, with h half the distance, and those are improved likewise.
+
+    Returns
+    -------
+    tuple of float
+        The phase, and the quiet limit.
+    """
+    order = TWO_PI * shape[ORDER]
+    size, turn = order * shape[1], TWO_PI * shape[PHASE]
+    count = int(PHASES * shape[ORDER].max())
+    tau = np.arange(count) / count
+
+    def depth(t: Any) -> Any:
+        angle = order * np.asarray(t)[..., None] + turn
+        return (size * (order * np.cos(angle) + delta * np.sin(angle))).sum(axis=-1)
+
+    def rate_and_bend(t: Any) -> Any:
+        angle = order * np.asarray(t)[..., None] + turn
+        rate = (size * order * (delta * np.cos(angle) - order * np.sin(angle))).sum(axis=-1)
+        return rate, -(size * order**2 * (delta * np.sin(angle) + order * np.cos(angle))).sum(axis=-1)
+
+    heights = depth(tau)
+    slack = 0.5 * bounds_of(delta, shape).force_bend * (0.5 / count) ** 2
+    near = tau[heights >= heights.max() - slack]
+    for _ in range(50):
+        rate, bend = rate_and_bend(near)
+        near = near + np.clip(-rate / np.where(bend < 0, bend, -np.inf), -0.5 / count, 0.5 / count)
+    phases = np.concatenate([near, tau])
+    deepest = phases[np.argmax(depth(phases))]
+    return float(deepest), float(delta * drift / depth(deepest))

@@ -1,0 +1,65 @@
+"""How a label counts the impacts of a motion with contact phases (compiled)."""
+
+from rattle.flight.first_impact import OK
+from rattle.flight.law import wrapped
+from rattle.inelastic.map.impact_map import step
+from rattle.numerics.compile import kernel
+
+
+@kernel
+def merged_runs(tau, v, n, point):
+    """Count the contact phases of a periodic motion of n returns, and the impacts on Σ⁺ that its label leaves out.
+
+    A run of impacts on Σ⁺, between Σ⁻ or a release and the contact in which it ends, counts as one.
+
+    Returns
+    -------
+    contacts, merged : int
+        Contact phases on both walls, and impacts left out.
+    """
+    contacts, merged, run, counted = 0, 0, 0, -1
+    for _ in range(2 * n):
+        status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)
+        if status != OK:
+            break
+        run += 1
+        if counted >= 0:
+            contacts += on_plus + on_minus
+            counted += 1
+        if on_plus > 0:
+            if counted >= 0:
+                merged += run - 1
+            run = 0
+            counted = max(counted, 0)
+        elif below > 0:
+            run = 0
+        if counted == n:
+            return contacts, merged
+    # no contact on Σ⁺: count those on Σ⁻ over one period
+    contacts = 0
+    for _ in range(n):
+        status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)
+        contacts += on_minus
+    return contacts, 0
+
+
+@kernel
+def returns_by_contact(tau, v, most, near, point):
+    """Return the number of returns after which a motion with a contact phase is back at (τ, v).
+
+    Such a motion repeats to the bit, but its label does not say how many returns it makes.
+
+    Returns
+    -------
+    int
+        Returns; 0 if the motion does not come back within most of them, or has no contact phase.
+    """
+    t, w, contacts = tau, v, 0
+    for k in range(1, most + 1):
+        status, t, w, _time, _below, on_plus, on_minus = step(t, w, point)
+        if status != OK:
+            return 0
+        contacts += on_plus + on_minus
+        if contacts > 0 and abs(wrapped(t - tau)) < near and abs(w - v) < near * v:
+            return k
+    return 0

@@ -1,0 +1,81 @@
+"""The motion Φ(t) of the inelastic gear, sampled in closed form on the way from impact to impact."""
+
+import math
+
+import numpy as np
+
+from rattle.flight.first_impact import OK, SIGMA_PLUS
+from rattle.flight.law import folded
+from rattle.inelastic.map.flight import evaluate_forced, first_forced_impact, leaving_forced
+from rattle.inelastic.map.impact_map import InelasticPoint, leave, piece_of
+from rattle.numerics.compile import kernel
+from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
+
+SHORT = 1e-5  # forcing periods: the rest of a chatter that is not followed, relative to 1
+
+
+@kernel
+def chatter_time(wall, v, force, point):
+    """Return how long the rest of a chatter takes, 2v/((1 − r)|g|), to a relative error of the order of itself."""
+    if point.restitution == 1.0:
+        return math.inf
+    return 2.0 * v / ((1.0 - point.restitution) * wall * force)
+
+
+@kernel
+def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
+    """Write Φ and Φ' at rising times, and the impacts until the last of them.
+
+    A chatter is followed until its rest takes less than SHORT, and that is summed; the entry to contact is then exact
+    to some SHORT². Impacts beyond the room for them are counted, not written.
+
+    Returns
+    -------
+    status : int
+        OK, or why the motion cannot be followed.
+    impacts : int
+        Their number.
+    rest : float
+        The time from which contact never ends, infinite if there is none.
+    """
+    departure = np.empty((2, point.harmonics.shape[1]))
+    wall, w, now, phase, i, impacts, rest = SIGMA_PLUS, -v, 0.0, tau, 0, 0, math.inf
+    piece = piece_of(tau, point.zeros)
+    while i < time.size:
+        contact, wait, release, number, flight = leave(wall, phase, w, piece, point, departure)
+        if contact:
+            flight = leaving_forced(phase, w, point.delta, point.drift, point.harmonics, departure)
+            left = chatter_time(wall, abs(w), flight.force, point)
+            if left < SHORT or (point.restitution == 1.0):
+                if wait == math.inf:
+                    rest = now + min(left, SHORT)
+                while i < time.size and time[i] < now + wait:
+                    phi[i], velocity[i] = wall * point.beta, 0.0
+                    i += 1
+                if wait == math.inf or i == time.size:
+                    return OK, impacts, rest
+                now, phase, piece, w = now + wait, release, number, 0.0
+                flight = leaving_forced(phase, w, point.delta, point.drift, point.harmonics, departure)
+        status, s, target, w1, _bend, _lost = first_forced_impact(wall, phase, flight, piece, point, departure)
+        if status != OK:
+            return status, impacts, math.inf
+        while i < time.size and time[i] < now + s:
+            f0, f1, _f2, _lost = evaluate_forced(time[i] - now, flight, point.harmonics, departure)
+            phi[i], velocity[i] = wall * point.beta + f0, f1
+            i += 1
+        if i == time.size:
+            break
+        now, phase, wall = now + s, folded(phase + s), target
+        piece = piece_of(phase, point.zeros)
+        w = -point.restitution * w1
+        if impacts < impact_time.size:
+            impact_time[impacts], impact_wall[impacts], impact_speed[impacts] = now, wall, abs(w1)
+        impacts += 1
+        if impacts > MOST_IMPACTS:
+            break
+    return OK, impacts, math.inf
+
+
+def trajectory(point: InelasticPoint, tau: float, v: float, periods: float, points: int) -> Trajectory:
+    """See `rattle.inelastic.InelasticGear.trajectory`."""
+    return sampled_motion(sampled, tau, v, (point,), periods, points)

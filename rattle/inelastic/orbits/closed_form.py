@@ -1,0 +1,108 @@
+"""Period-one motions with restitution r and drift q in closed form, and the limits of A and C.
+
+P(1,1,0), any forcing: the impulse of its impact balances the drift, so it arrives with speed δq/(1 + r) and leaves with
+v = r times that. With E = e^(−δ) it closes where
+
+    e'(τ) = qδ/(1 − E) − q − v,    det = r²E,    trace = 1 + r²E + (1 + r)² (1 − E) e''(τ)/(δ²q).
+
+One cosine has two such phases from SN1 on, A where e'' > 0 and C where e'' < 0: `rattle.inelastic.orbits.period_one`
+has them, and B and D, for many points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from rattle.flight.first_impact import OK
+from rattle.flight.forcing import TWO_PI
+from rattle.flight.law import folded, wrapped
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
+from rattle.inelastic.map.impact_map import InelasticPoint, step
+from rattle.inelastic.orbits.family import excess_drift
+from rattle.orbits.period_one import multipliers_of
+
+Array = NDArray[np.float64]
+PHASES = 64  # of the fastest harmonic, at which e' is looked at
+SAME = 1e-7  # a step that closes to this is the motion; near a fold rounding is stretched
+
+
+class Bounce(NamedTuple):
+    """A P(1,1,0) that happens: its state and multipliers."""
+
+    tau: float
+    v: float
+    multipliers: tuple[complex, complex]
+
+
+def departure_speed(delta: float, restitution: float, drift: float) -> float:
+    """Return the speed with which P(1,1,0) leaves Σ⁺."""
+    return restitution * delta * drift / (1.0 + restitution)
+
+
+def slope_at_departure(delta: float, restitution: float, drift: float) -> float:
+    """Return e' at the phase of P(1,1,0)."""
+    swing = drift * excess_drift(delta, -math.expm1(-delta))
+    return float(swing - departure_speed(delta, restitution, drift))
+
+
+def saddle_node(delta: float, restitution: float, drift: float) -> float:
+    """Return the ε of SN1, at which A and C are born under one cosine."""
+    return abs(slope_at_departure(delta, restitution, drift)) / TWO_PI
+
+
+def flip_of_c(delta: float, restitution: float, drift: float) -> float:
+    """Return the ε of PDC, at which C loses its stability under one cosine if it still happens there."""
+    r, decay = restitution, math.exp(-delta)
+    size = 2.0 * delta * delta * (1.0 + r * r * decay) * drift / ((1.0 + r) ** 2 * -math.expm1(-delta) * TWO_PI**2)
+    return math.hypot(saddle_node(delta, restitution, drift), size)
+
+
+def forcing_derivatives(tau: Array, harmonics: Array) -> tuple[Array, Array]:
+    """Return e' and e'' at phases (…)."""
+    angle = TWO_PI * (harmonics[ORDER] * tau[..., None] + harmonics[PHASE])
+    turn = TWO_PI * harmonics[ORDER]
+    size = turn * harmonics[AMPLITUDE]
+    return -(size * np.sin(angle)).sum(axis=-1), -(size * turn * np.cos(angle)).sum(axis=-1)
+
+
+def bounces(point: InelasticPoint) -> list[Bounce]:
+    """Return the P(1,1,0) that happen under any forcing, by their phase."""
+    delta, r, drift = point.delta, point.restitution, point.drift
+    harmonics = point.harmonics
+    wanted = slope_at_departure(delta, r, drift)
+    v, decay = departure_speed(delta, r, drift), math.exp(-delta)
+    phases = _crossings(
+        lambda tau: forcing_derivatives(tau, harmonics)[0] - wanted, int(PHASES * harmonics[ORDER].max())
+    )
+    found = []
+    for tau in phases:
+        bend = float(forcing_derivatives(np.array([tau]), harmonics)[1][0])
+        trace = 1.0 + r * r * decay + (1.0 + r) ** 2 * (1.0 - decay) * bend / (delta * delta * drift)
+        if _happens(tau, v, point):
+            large, small = multipliers_of(trace, r * r * decay)
+            found.append(Bounce(tau, v, (complex(large), complex(small))))
+    return sorted(found, key=lambda each: each.tau)
+
+
+def _crossings(function: Callable[[Array], Array], count: int) -> list[float]:
+    """Return the zeros of a periodic function, one in each of count equal intervals at whose ends its signs differ."""
+    grid = np.arange(count + 1) / count
+    values = function(grid)
+    changes = np.flatnonzero((values[1:] > 0) != (values[:-1] > 0))
+
+    def at(tau: float) -> float:
+        return float(function(np.array([tau]))[0])
+
+    return [float(folded(brentq(at, grid[i], grid[i + 1], xtol=1e-15, rtol=1e-15))) for i in changes]
+
+
+def _happens(tau: float, v: float, point: InelasticPoint) -> bool:
+    status, tau1, v1, time, below, on_plus, on_minus = step(tau, v, point)
+    closed = abs(wrapped(tau1 - tau)) < SAME and abs(v1 - v) < SAME * max(v, 1e-300) and abs(time - 1.0) < SAME
+    return bool(status == OK and closed and below + on_plus + on_minus == 0)

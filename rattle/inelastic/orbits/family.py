@@ -1,0 +1,223 @@
+"""The period-one motions of one cosine with restitution r, without load, in closed form (compiled).
+
+With X = ε cos 2πτ, Y = ε sin 2πτ, the time s = 1/2 + σ from Σ⁺ to Σ⁻, E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)), and p
+and q the decaying parts of the velocity after Σ⁺ and after Σ⁻ (`rattle.impacting.orbits.closed_form`, of which this is
+the form for any r), P(1,1,1) closes where
+
+    p + r Er q = (1 + r)(4π − 2πY),            r Es p + q = (1 + r)(4π − 2πY'),
+    p(1 − Es)/δ = 2β + 4πs + Z,                q(1 − Er)/δ = 4π(1 − s) − 2β − Z,
+
+with Z = X' − X and X', Y' those at Σ⁻: linear in X and Y, with the determinant
+
+    −2π(1 + r)² [2π sin 2πσ − δ (1 + cos 2πσ)(Er − Es)/((1 − Es)(1 − Er))],
+
+which vanishes at σ = 0 alone, whatever r is. So ε(σ) is an explicit curve on either side.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
+from rattle.flight.forcing import DRIFT, TWO_PI, versines
+from rattle.flight.law import folded
+from rattle.inelastic.map.flight import InelasticFlight, forced_tangent
+from rattle.numerics.compile import inline, kernel
+from rattle.numerics.secant import narrowed
+
+A, B, C, D = range(4)
+SAME_TIME = 1e-6  # a recomputed flight time this close to the family's is the same impact
+EDGE = 1e-9  # nodes start this close to σ = 0, where the closure is singular
+NODES_PER_SIDE = 160
+MOST_NODES = 2 * NODES_PER_SIDE + 24
+SMALL_DAMPING = 0.05  # of a flight, below which its mean drift is given by a series
+MOST_STEPS = 200
+Array = NDArray[np.float64]
+
+
+@inline
+def excess_drift(x, lost):
+    """x/(1 − e^(−x)) − 1 without cancellation; lost: 1 − e^(−x)."""
+    if x < SMALL_DAMPING:
+        y = x * x
+        return x * (0.5 + x * (1.0 / 12.0 - y * (1.0 / 720.0 - y * (1.0 / 30240.0 - y / 1209600.0))))
+    return x / lost - 1.0
+
+
+@kernel
+def family_closure(sigma, delta, beta, r):
+    """Numerators of X, Y, of the speed after Σ⁺ and of that of arrival at Σ⁻, and their common denominator."""
+    omc, siny, _defect = versines(sigma)
+    xs, xr = delta * (0.5 + sigma), delta * (0.5 - sigma)
+    ls, lr = -math.expm1(-xs), -math.expm1(-xr)
+    es, er = 1.0 - ls, 1.0 - lr
+    h = abs(sigma)
+    apart = math.copysign(-max(es, er) * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
+    f1, f2 = delta / ls, delta / lr
+    c1 = DRIFT * excess_drift(xs, ls) + 2.0 * beta * f1
+    c2 = DRIFT * excess_drift(xr, lr) - 2.0 * beta * f2
+    k1 = r * es * c1 + c2 - DRIFT * r * ls
+    k2 = c1 + r * er * c2 - DRIFT * r * lr
+    g1, g2 = r * es * f1 - f2, f1 - r * er * f2
+    turn = (1.0 + r) * TWO_PI
+    a11, a12 = -g1 * (2.0 - omc) - turn * siny, g1 * siny - turn * (1.0 - omc)
+    a21, a22 = -g2 * (2.0 - omc), g2 * siny + turn
+    determinant = -turn * (turn * siny - (1.0 + r) * delta * apart * (2.0 - omc) / (ls * lr))
+    x, y = k2 * a12 - k1 * a22, k1 * a21 - k2 * a11
+    z = y * siny - x * (2.0 - omc)
+    y_s = -(x * siny + y * (1.0 - omc))
+    p = c1 * determinant + f1 * z  # less 4π
+    return x, y, p + TWO_PI * y, es * p - DRIFT * ls * determinant + TWO_PI * y_s, determinant
+
+
+@kernel
+def family_amplitude(sigma, delta, beta, r):
+    """Return ε(σ) on the family: infinite at its pole."""
+    x, y, _v, _u, determinant = family_closure(sigma, delta, beta, r)
+    return math.hypot(x, y) / abs(determinant)
+
+
+@kernel
+def root_of_amplitude(level, lo, hi, delta, beta, r):
+    """Return σ in (lo, hi) at which ε(σ) is this level, by secant steps in a shrinking bracket."""
+    f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
+    side, last = 0, math.nan
+    for _ in range(MOST_STEPS):
+        sigma = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
+        if not (min(lo, hi) < sigma < max(lo, hi)):
+            sigma = 0.5 * (lo + hi)
+        f = family_amplitude(sigma, delta, beta, r) - level
+        if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
+            return sigma
+        last = sigma
+        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, sigma, f)
+    return 0.5 * (lo + hi)
+
+
+@kernel
+def family_turning_point(lo, hi, sign, delta, beta, r):
+    """Minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
+    f1, f2 = sign * family_amplitude(x1, delta, beta, r), sign * family_amplitude(x2, delta, beta, r)
+    while hi - lo > 1e-9 * abs(0.5 * (lo + hi)):
+        if f1 < f2:
+            hi, x2, f2 = x2, x1, f1
+            x1 = hi - ratio * (hi - lo)
+            f1 = sign * family_amplitude(x1, delta, beta, r)
+        else:
+            lo, x1, f1 = x1, x2, f2
+            x2 = lo + ratio * (hi - lo)
+            f2 = sign * family_amplitude(x2, delta, beta, r)
+    return 0.5 * (lo + hi)
+
+
+@kernel
+def fill_family_nodes(delta, beta, r, sigma, e):
+    """Fill rising σ and ε(σ), between which ε is monotone, into two arrays of MOST_NODES; how many there are."""
+    n = NODES_PER_SIDE
+    for i in range(n):
+        gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
+        sigma[n - 1 - i], sigma[n + i] = -gap, gap
+    size = 2 * n
+    for i in range(size):
+        e[i] = family_amplitude(sigma[i], delta, beta, r)
+    for i in range(1, 2 * n - 1):
+        below = e[i] < e[i - 1] and e[i] < e[i + 1]
+        above = e[i] > e[i - 1] and e[i] > e[i + 1]
+        pole = i == n - 1 or i == n
+        if (below or above) and not pole and size < sigma.size:
+            sigma[size] = family_turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta, r)
+            e[size] = family_amplitude(sigma[size], delta, beta, r)
+            size += 1
+    for i in range(2 * n, size):  # a few turning points among nodes in order: insertion
+        new, new_e, j = sigma[i], e[i], i
+        while sigma[j - 1] > new:
+            sigma[j], e[j] = sigma[j - 1], e[j - 1]
+            j -= 1
+        sigma[j], e[j] = new, new_e
+    return size
+
+
+@kernel
+def family_one_impact(cosine, delta, epsilon, beta, r):
+    """Return A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
+    decay, lost = math.exp(-delta), -math.expm1(-delta)
+    v = r * delta * DRIFT / (1.0 + r)
+    offset = (v - DRIFT * excess_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
+    if epsilon < abs(offset) or epsilon == 0.0:
+        return False, 0.0, v, 0.0
+    x = cosine * math.sqrt((epsilon - offset) * (epsilon + offset))
+    tau = folded(math.atan2(offset, x) / TWO_PI)
+    status, time, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
+    admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
+    return admissible, tau, v, 1.0 + r * r * decay - (1.0 + r) ** 2 * math.pi * lost * x / (delta * delta)
+
+
+@inline
+def bent(w, x, y, delta):
+    """Return the flight that leaves with this velocity at a phase with ε cos and ε sin."""
+    slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
+    return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
+
+
+@kernel
+def family_two_impacts(sigma, delta, epsilon, beta, r):
+    """Return the P(1,1,1) of this member of the family: (admissible, τ, v, trace)."""
+    x, y, v, u, determinant = family_closure(sigma, delta, beta, r)
+    x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
+    tau, s, rest = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
+    if not (v > 0.0 and u > 0.0):
+        return False, tau, v, 0.0
+    status, t1, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
+    if status != 0 or wall != -1 or abs(t1 - s) > SAME_TIME:
+        return False, tau, v, 0.0
+    status, t2, wall, _w, _d, _f, _s, _c = first_impact(
+        SIGMA_MINUS, folded(tau + s), r * u, delta, epsilon, beta, DRIFT
+    )
+    if status != 0 or wall != 1 or abs(t2 - rest) > SAME_TIME:
+        return False, tau, v, 0.0
+    omc, siny, _defect = versines(sigma)
+    y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # half a turn from those of σ
+    down, up = bent(-v, x, y, delta), bent(r * u, x1, y1, delta)
+    ends = bent(-u, x1, y1, delta), bent(v / r, x, y, delta)  # of which the force bends the arrivals
+    bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
+    a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
+    b00, b01, b10, b11 = forced_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
+    return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11
+
+
+@kernel
+def keep_orbit(orbit, found, exists, phase, speed, traces, i):
+    """Keep the first admissible orbit of a kind: with σ from 1/2 down, the branch that SN2 creates comes first."""
+    admissible, tau, v, trace = found
+    if admissible and not exists[orbit, i]:
+        exists[orbit, i] = True
+        phase[orbit, i], speed[orbit, i], traces[orbit, i] = tau, v, trace
+
+
+@kernel
+def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
+    """Fill the period-one orbits (4, n) of flat parameter arrays, False and NaN before, visited in this order."""
+    last, n = -1, 0
+    sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
+    for i in order:
+        d, eps, b, rest = delta[i], epsilon[i], beta[i], r[i]
+        keep_orbit(A, family_one_impact(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        keep_orbit(C, family_one_impact(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        if last < 0 or d != delta[last] or b != beta[last] or rest != r[last]:
+            n = fill_family_nodes(d, b, rest, sigma, e)
+        last = i
+        for j in range(n - 2, -1, -1):
+            if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
+                root = root_of_amplitude(eps, sigma[j], sigma[j + 1], d, b, rest)
+                which = D if e[j + 1] > e[j] else B
+                keep_orbit(which, family_two_impacts(root, d, eps, b, rest), exists, phase, speed, traces, i)
+
+
+def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:
+    """Return rising σ and ε(σ), between which ε is monotone but for its pole at σ = 0."""
+    sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
+    n = fill_family_nodes(delta, beta, r, sigma, e)
+    return sigma[:n], e[:n]

@@ -1,0 +1,75 @@
+"""A to D of the inelastic gear under one cosine over whole parameter arrays, with multipliers, and their regions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import parameters
+from rattle.inelastic.orbits.family import fill_family_orbits
+from rattle.orbits.period_one import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
+
+
+def period_one(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    beta: ArrayLike = 0.6,
+    restitution: ArrayLike = 1.0,
+    load: ArrayLike = 0.0,
+) -> PeriodOne:
+    """Return the period-one orbits A, B, C, D under one cosine, for every element of the broadcast parameters.
+
+    Parameters
+    ----------
+    delta, epsilon, beta, restitution, load : array_like
+        Damping, eccentricity, half-backlash, restitution in (0, 1] and load ≥ 0, dimensionless; they broadcast.
+
+    Returns
+    -------
+    PeriodOne
+        Existence, stability, states and multipliers, (4, …). Where there are several of one letter, the one with the
+        largest time from Σ⁺ to Σ⁻ is given, as `rattle.period_one` does.
+
+    Raises
+    ------
+    ParameterError
+        A number is outside its domain, or the shapes do not broadcast.
+
+    Notes
+    -----
+    A and C, P(1,1,0), have closed forms; B and D, P(1,1,1), are the roots of ε(s) on one explicit family
+    (`rattle.inelastic.orbits.family`). A load is a change of the unit of length.
+    """
+    arrays = parameters(delta, epsilon, beta, restitution=restitution, load=load)
+    shape, unit = arrays[0].shape, 1.0 + arrays[4]
+    d, e, b, r, unit = (
+        np.array(x, order="C").ravel() for x in (arrays[0], arrays[1] / unit, arrays[2] / unit, arrays[3], unit)
+    )
+    exists = np.zeros((len(NAMES), d.size), np.bool_)
+    tau, v, trace = np.full((3, *exists.shape), np.nan)
+    fill_family_orbits(np.lexsort((d, b, r)), d, e, b, r, exists, tau, v, trace)
+    multipliers = np.full((len(NAMES), 2, d.size), complex(np.nan, np.nan))
+    stable = np.zeros(exists.shape, np.bool_)
+    for i, n_minus in enumerate(N_MINUS):
+        determinant = np.exp(-d) * r ** (2 * (1 + n_minus))
+        multipliers[i] = np.where(exists[i], multipliers_of(trace[i], determinant), multipliers[i])
+        with np.errstate(invalid="ignore"):
+            stable[i] = exists[i] & (np.abs(trace[i]) < 1.0 + determinant)
+    return PeriodOne(
+        exists.reshape(4, *shape),
+        stable.reshape(4, *shape),
+        tau.reshape(4, *shape),
+        (v * unit).reshape(4, *shape),
+        multipliers.reshape(4, 2, *shape),
+    )
+
+
+def regions(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    beta: ArrayLike = 0.6,
+    restitution: ArrayLike = 1.0,
+    load: ArrayLike = 0.0,
+) -> NDArray[np.int8]:
+    """Return the region of every element of the broadcast parameters, as its number in `rattle.REGIONS`."""
+    return classify(period_one(delta, epsilon, beta, restitution, load))

@@ -1,0 +1,74 @@
+"""Any periodic motion of the inelastic gear that happens, from its return map."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from rattle.errors import RattleError, require_integer, require_number
+from rattle.flight.first_impact import OK
+from rattle.inelastic.map.impact_map import InelasticPoint
+from rattle.inelastic.map.runs import merged_runs, returns_by_contact
+from rattle.orbits.period_one import multipliers_of
+from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
+
+MOST_RETURNS = 4096
+CLOSE = 1e-6  # a motion with contact that comes back as close as this is the one that is meant
+
+
+class InelasticOrbit(NamedTuple):
+    """A periodic motion P(m, n_plus, n_minus) that happens, with its number of contact phases in m forcing periods.
+
+    n_plus and n_minus count a run of impacts that ends in contact once. tau, v: its fastest impact on Σ⁺. multipliers:
+    over m periods, the larger modulus first; their product is e^(−δm) r^(2(n_plus + n_minus)), and both are 0 where
+    there is a contact phase.
+    """
+
+    m: int
+    n_plus: int
+    n_minus: int
+    contacts: int
+    tau: float
+    v: float
+    multipliers: tuple[complex, complex]
+
+    @property
+    def stable(self) -> bool:
+        """True if it attracts."""
+        return abs(self.multipliers[0]) < 1.0
+
+
+def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
+    """Return the periodic motion near a state (τ, v) that repeats itself after n_plus impacts on Σ⁺.
+
+    A state of a motion with contact phases is enough, whatever n_plus.
+
+    Returns
+    -------
+    InelasticOrbit
+        Its label, fastest impact and multipliers.
+
+    Raises
+    ------
+    ParameterError
+        A number is outside its domain.
+    RattleError
+        Newton's method on the return map finds none.
+    """
+    v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
+    k = returns_by_contact(tau, v, MOST_RETURNS, CLOSE, point) or k
+    found, tau1, v1 = newton(tau, v, k, point)
+    if not found:
+        raise RattleError(f"there is no periodic motion of {n_plus} impacts on Σ⁺ near tau = {tau:g}, v = {v:g}")
+    k = shortest_return(tau1, v1, k, point)
+    tau1, v1 = fastest_point(tau1, v1, k, point)
+    status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = power_map(tau1, v1, k, point)
+    if status != OK:
+        raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+    contacts, merged = merged_runs(tau1, v1, k, point)
+    if log_det == -math.inf:
+        multipliers = (0j, 0j)
+    else:
+        large, small = multipliers_of(a00 + a11, math.exp(log_det))
+        multipliers = complex(large), complex(small)
+    return InelasticOrbit(round(time), k - merged, n_minus, contacts, tau1, v1, multipliers)

@@ -1,0 +1,81 @@
+"""Sums over the impacts of a motion with contact phases, whose chatters have infinitely many impacts.
+
+A run of impacts on one wall that ends in contact counts as one impact, as labels count it, and has the speed of its
+fastest one in the mean. Squares of speeds and impulses are summed over all impacts.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.intensity.impacts import listed
+from rattle.intensity.visit import (
+    COLUMNS,
+    CONTACT,
+    FASTEST,
+    IMPULSE,
+    ON_MINUS,
+    ON_PLUS,
+    SPEED,
+    SQUARE,
+    TIME,
+    Impacts,
+    list_impacts,
+)
+from rattle.numerics.compile import kernel
+from rattle.orbits.return_map import point_of
+
+
+@kernel
+def list_in_cell(
+    cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
+) -> tuple[int, float, float, int]:
+    """Do `list_impacts` for one of many cells."""
+    return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
+
+
+def _in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
+    return list_in_cell(cell, tau, v, returns, periods, cells, room)
+
+
+def listed_in_cell(
+    cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
+) -> tuple[int, float, float, Impacts]:
+    """Return what `rattle.intensity.impacts.listed` does, in one of many cells."""
+    return listed(tau, v, returns, periods, partial(_in_cell, cell, cells))
+
+
+def sums_of(impacts: Impacts, m: int) -> NDArray[np.float64]:
+    """Return the sums (COLUMNS,) over the impacts of one period of m forcing periods.
+
+    Parameters
+    ----------
+    impacts : Impacts
+        All impacts of the period, from any one on.
+    m : int
+        Forcing periods.
+
+    Returns
+    -------
+    ndarray, (COLUMNS,)
+        What `rattle.intensity.visit.summed` gathers, with each run that ends in contact as one impact.
+    """
+    held = np.flatnonzero(impacts.duration > 0.0)
+    first = held[-1] + 1 if held.size else 0  # the period begins after a contact phase, so that it cuts no run
+    wall, speed, duration, impulse = (
+        np.roll(x, -first) for x in (impacts.wall, impacts.speed, impacts.duration, impacts.impulse)
+    )
+    starts = np.flatnonzero(np.append(True, (wall[1:] != wall[:-1]) | (duration[:-1] > 0.0)))
+    ends = np.append(starts[1:], wall.size) - 1
+    merged = duration[ends] > 0.0
+    count = np.where(merged, 1, ends - starts + 1)
+    total = np.where(merged, np.maximum.reduceat(speed, starts), np.add.reduceat(speed, starts))
+    sums = np.zeros(COLUMNS)
+    sums[TIME], sums[SPEED], sums[SQUARE] = m, total.sum(), np.square(speed).sum()
+    sums[ON_PLUS], sums[ON_MINUS] = count[wall[starts] > 0].sum(), count[wall[starts] < 0].sum()
+    sums[CONTACT], sums[IMPULSE], sums[FASTEST] = duration.sum(), (wall * impulse).sum(), speed.max()
+    return sums

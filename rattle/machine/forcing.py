@@ -1,0 +1,174 @@
+"""The transmission error of two gears as one sum of harmonics over their common period.
+
+A component of order k of the first gear's revolution has the order k z₂/gcd on the common period of the pair, one of
+the second gear's k z₁/gcd, one of the tooth mesh k lcm. The forcing period is the longest that all components share:
+where only the tooth mesh is there, that is one mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import require, require_finite
+from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS, Harmonic
+
+Component = tuple[Fraction, Any, Any]  # order of the first gear's revolution, amplitude in m, phase in turns
+#: Numbers of a machine that are amplitudes, and the order of each of the tooth mesh; 0: of the second gear.
+AMPLITUDES = {"driven_eccentricity": 0, "mesh_error": 1, "mesh_error_2": 2, "mesh_error_3": 3}
+
+
+class PairForcing(NamedTuple):
+    """The transmission error of one pair or of many, arrays (…,).
+
+    Parameters
+    ----------
+    base : float
+        Forcing periods in a revolution of the first gear.
+    amplitude : float or ndarray
+        m: that of the first harmonic, or the largest where a pair has no first one; ε is made from it.
+    total : float or ndarray
+        m: the sum of all amplitudes, a bound of the error.
+    orders : tuple of int
+        Of the forcing period, rising, the first among them if any other is.
+    relative, phase : ndarray, (K, …)
+        Amplitudes over `amplitude`, and phases in turns, of each.
+    """
+
+    base: float
+    amplitude: Any
+    total: Any
+    orders: tuple[int, ...]
+    relative: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+    def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
+        """Return the harmonics beside the first as `rattle.Gear` takes them, of one of many pairs.
+
+        Where a pair has no first harmonic, it is given with amplitude 0.
+
+        Returns
+        -------
+        tuple of Harmonic
+            Order, amplitude over that of `amplitude`, and phase of each.
+        """
+        found = []
+        for order, size, phase in zip(self.orders, self.relative, self.phase, strict=True):
+            each = int(order), float(size[number]), float(phase[number])
+            if each[1] > 0.0 if order > 1 else each[1:] != (1.0, 0.0):
+                found.append(each)
+        return tuple(found)
+
+
+def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, float, float], ...]:
+    """Return a list of (order, amplitude in m, phase in turns). Raises ParameterError on what is none."""
+    shape = f"{name} must be a list of (order, amplitude in metres, phase in turns), such as [(20, 1e-7, 0.0)]"
+    try:
+        rows = [tuple(each) for each in given]
+    except TypeError:
+        rows = [()]
+    found, seen = [], set()
+    for row in rows:
+        require(len(row) == 3, f"{shape}, got {given!r:.80}")
+        order = require_finite(f"an order of {name}", row[0])
+        require(order == int(order) and order >= 1, f"an order of {name} must be an integer from 1 on, got {order:g}")
+        require(order not in seen, f"{name} has order {order:g} twice: add both up to one")
+        seen.add(order)
+        size = require_finite(f"order {order:g} of {name}", row[1])
+        require(size >= 0.0, f"order {order:g} of {name} must not be negative: add half a turn to its phase")
+        found.append((int(order), size, require_finite(f"the phase of order {order:g} of {name}", row[2]) % 1.0))
+    return tuple(found)
+
+
+def components_of(
+    teeth: int | None,
+    driven_teeth: int | None,
+    numbers: dict[str, Any],
+    errors: Sequence[tuple[int, Any, Any]] = (),
+    driven_errors: Sequence[tuple[int, Any, Any]] = (),
+) -> list[Component]:
+    """Return all parts of the transmission error.
+
+    Parameters
+    ----------
+    teeth, driven_teeth : int, optional
+        Tooth numbers; without them the gears turn alike and no tooth mesh is known.
+    numbers : dict
+        Amplitudes in m by name: eccentricity, and those of `AMPLITUDES`.
+    errors, driven_errors : sequence of (int, amplitude, phase)
+        By order of the revolution of the first and of the second gear.
+
+    Returns
+    -------
+    list of Component
+        Those with an amplitude above 0.
+    """
+    turns = Fraction(1) if teeth is None or driven_teeth is None else Fraction(teeth, driven_teeth)
+    found: list[Component] = [(Fraction(1), numbers.get("eccentricity", 0.0), 0.0)]
+    for name, mesh in AMPLITUDES.items():
+        if not np.any(numbers.get(name, 0.0)):
+            continue
+        require(teeth is not None or mesh == 0, f"{name} is an error once a tooth mesh: give teeth too")
+        found.append((turns if mesh == 0 else Fraction(mesh * (teeth or 1)), numbers[name], 0.0))
+    found.extend((Fraction(order), size, phase) for order, size, phase in errors)
+    found.extend((order * turns, size, phase) for order, size, phase in driven_errors)
+    return [each for each in found if np.any(each[1])]
+
+
+def assembled(components: Sequence[Component]) -> PairForcing:
+    """Return the sum of all parts over the period that they share.
+
+    Parts of one order are added as phasors, and time begins where the first harmonic, if there is one, has phase 0.
+
+    Returns
+    -------
+    PairForcing
+        The sum.
+
+    Raises
+    ------
+    ParameterError
+        An order, or the number of harmonics, exceeds what a forcing may have.
+    """
+    if not components:
+        return PairForcing(1.0, 0.0, 0.0, (), np.empty((0,)), np.empty((0,)))
+    whole = math.lcm(*(order.denominator for order, _, _ in components))
+    base = Fraction(math.gcd(*(int(order * whole) for order, _, _ in components)), whole)
+    of: dict[int, list[tuple[Any, Any]]] = {}
+    for order, size, phase in components:
+        of.setdefault(int(order / base), []).append((size, phase))
+    orders = tuple(sorted({1, *of}))
+    require(
+        orders[-1] <= HIGHEST_ORDER,
+        f"the parts of the transmission error share a period of {1 / float(base):g} revolutions only, of which "
+        f"the fastest has order {orders[-1]}, above {HIGHEST_ORDER}: leave out what matters "
+        "least, or its highest orders",
+    )
+    require(
+        len(orders) <= MOST_HARMONICS,
+        f"{len(orders)} harmonics are too many: give the {MOST_HARMONICS - 1} largest",
+    )
+    sizes, phases = zip(*(_sum_of(of.get(order, [(0.0, 0.0)])) for order in orders), strict=True)
+    shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))
+    size, phase = (np.stack([np.broadcast_to(x, shape) for x in each]) for each in (sizes, phases))
+    first, scale = size[0], np.max(size, axis=0)
+    scale = np.where(first > 0.0, first, scale)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        relative = np.where(scale > 0.0, size / scale, 0.0)
+    relative[0] = np.where(scale > 0.0, relative[0], 1.0)
+    number = np.array(orders, float).reshape((-1, *[1] * len(shape)))
+    earlier = np.where(first > 0.0, phase[0], 0.0)
+    return PairForcing(float(base), scale[()], size.sum(axis=0)[()], orders, relative, (phase - number * earlier) % 1.0)
+
+
+def _sum_of(parts: list[tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return amplitude and phase of harmonics of one order."""
+    if len(parts) == 1:
+        return parts[0]
+    phasor = sum(size * np.exp(2j * np.pi * np.asarray(phase)) for size, phase in parts)
+    return np.abs(phasor), np.angle(phasor) / (2.0 * np.pi)

@@ -1,0 +1,111 @@
+"""One answer of a machine: quiet, quiet unless knocked, rattling from some starts, or always rattling."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from rattle.attractors.speeds import NATURAL, sampled_speed
+from rattle.attractors.table import Attractor
+from rattle.errors import require_integer
+from rattle.machine.conversion import Units
+from rattle.numerics.sampling import wilson_interval
+
+if TYPE_CHECKING:
+    from rattle.models import AnyGear
+
+QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
+PHASES, SPEEDS, ROUNDS = 32, 64, 2  # of knocks that are tried, up to the least so far in each round after the first
+HARDEST = 3.0  # times the largest speed of a start
+MOST_COUNT = 65_536
+
+
+class MachineVerdict(NamedTuple):
+    """The answer to the question whether a machine rattles; `str` is one line of it.
+
+    kind: "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles". share: of starts that end in
+    rattling, low and high its 95 % interval, where undecided starts count as either. knock: m/s along the line of
+    action, the least speed with which a knock parts resting teeth so that they rattle from then on, at the worst
+    phase; inf where none up to `hardest` does, 0 where teeth cannot rest. hardest: m/s.
+    """
+
+    kind: str
+    share: float
+    low: float
+    high: float
+    knock: float
+    hardest: float
+
+    def __str__(self) -> str:
+        """Return the answer in a line."""
+        if self.kind == ALWAYS:
+            return "always rattles: the force between the teeth changes its sign"
+        if self.kind == QUIET:
+            return f"quiet: no knock up to {self.hardest:.2g} m/s makes it rattle"
+        if self.kind == KNOCKED:
+            return f"quiet unless knocked with {self.knock:.2g} m/s"
+        interval = f"95 %: {100 * self.low:.0f} to {100 * self.high:.0f} %"
+        knock = "" if np.isinf(self.knock) else f"; at rest it takes a knock of {self.knock:.2g} m/s"
+        return f"rattles from {100 * self.share:.0f} % of starts ({interval}){knock}"
+
+
+class Rattles(Protocol):
+    """A machine as a verdict needs it."""
+
+    @property
+    def gear(self) -> AnyGear:
+        """Its parameter point."""
+
+    @property
+    def units(self) -> Units:
+        """From the model back to SI units."""
+
+    def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
+        """Return its attractors."""
+
+
+def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
+    """Return the verdict of a machine: see `Machine.verdict`."""
+    count = require_integer("count", count, 1, MOST_COUNT)
+    gear, unit = machine.gear, float(machine.units.velocity)
+    hardest = HARDEST * sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
+    if gear.epsilon >= gear.quiet_limit:
+        return MachineVerdict(ALWAYS, 1.0, 1.0, 1.0, 0.0, unit * hardest)
+    found = machine.attractors(count, seed)
+    rattling, open_ = (round(count * sum(each.fraction for each in found if of(each))) for of in (_rattles, _is_open))
+    low, high = wilson_interval(rattling, count)[0], wilson_interval(rattling + open_, count)[1]
+    knock = least_knock(machine, hardest)
+    kind = SOMETIMES if rattling else QUIET if np.isinf(knock) else KNOCKED
+    return MachineVerdict(kind, rattling / count, float(low), float(high), unit * knock, unit * hardest)
+
+
+def least_knock(machine: Rattles, hardest: float) -> float:
+    """Return the least speed of the model that makes resting teeth rattle; inf if none up to the hardest does.
+
+    PHASES × SPEEDS knocks are followed, then as many below the least that was found, so a window of rattling that is
+    narrower may be missed.
+
+    Returns
+    -------
+    float
+        The speed.
+    """
+    gear, limit, least = machine.gear, hardest, np.inf
+    phases = (np.arange(PHASES) + 0.5) / PHASES
+    for _ in range(1 + ROUNDS):
+        speeds = limit * np.arange(1, SPEEDS + 1) / SPEEDS
+        reached = gear.reached(phases[:, None], speeds)
+        rattles = np.array([_rattles(each) for each in reached.attractors])[reached.which].any(axis=0)
+        if not rattles.any():
+            return float(least)
+        least = limit = float(speeds[np.argmax(rattles)])
+    return float(least)
+
+
+def _rattles(attractor: Attractor) -> bool:
+    return attractor.kind in ("periodic", "chaotic")
+
+
+def _is_open(attractor: Attractor) -> bool:
+    return attractor.kind == "undecided"

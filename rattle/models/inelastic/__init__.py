@@ -1,0 +1,88 @@
+"""The inelastic model: impacts with a coefficient of restitution, a load, and a forcing of several harmonics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from numpy.typing import ArrayLike
+
+from rattle import inelastic
+from rattle.attractors.classify import Classifier
+from rattle.continuation.curves import Curve
+from rattle.errors import RattleError
+from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
+from rattle.inelastic.attractors.classifier import InelasticClassifier
+from rattle.models.model import Array, Capability, Functions, Model, Range
+from rattle.orbits.iterates import Returned
+from rattle.orbits.period_one import PeriodOne
+from rattle.parameters import Harmonic, Parameters, parameters_in
+
+RESTITUTION, LOAD = parameters_in(__file__)
+
+
+def _of_machine(load_torque: Any, pair: Any) -> Any:
+    """Load of a torque on the second gear: over that of its drag, both referred to the first."""
+    return load_torque * pair.ratio / (pair.drag * pair.speed)
+
+
+@dataclass(frozen=True)
+class Inelastic(Model):
+    """The model at half-backlash beta > 0, restitution in (0, 1], load ≥ 0, with these harmonics beside the first."""
+
+    restitution: float = RESTITUTION.example
+    load: float = 0.0
+    harmonics: tuple[Harmonic, ...] = ()
+
+    name = "inelastic"
+    title = "inelastic impacts"
+    added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
+    has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE, Capability.CONTACT_PHASES})
+    functions: ClassVar[Functions] = inelastic
+    classifier: ClassVar[type[Classifier]] = InelasticClassifier
+    curve_names = inelastic.NAMES
+    tile_samples = 16_384
+    design_gears = 256
+    takes_harmonics = True
+    one_cosine = frozenset({Capability.PERIOD_ONE})
+    compiled_at = (0.1, 0.25)  # quiet motion beside impacts; contact phases
+
+    def __post_init__(self) -> None:
+        """Check and convert all numbers."""
+        gear = self.gear(1.0, 0.0)  # checks the numbers
+        for name in ("beta", "restitution", "load", "harmonics"):
+            object.__setattr__(self, name, getattr(gear, name))
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """β, and what the model has besides, by name; not its harmonics, which are no numbers."""
+        return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
+
+    def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
+        """Return the model at one point, without what `has` does not list."""
+        return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
+
+    def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
+        """Return the parameters of points, which broadcast. Raises ParameterError."""
+        return super().at(delta, epsilon).with_harmonics(self.harmonics)
+
+    def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
+        """Return the motions A to D. Raises RattleError where the forcing has harmonics."""
+        if self.harmonics:
+            raise RattleError("A to D and their regions are those of one cosine: leave out the harmonics")
+        return super().period_one(delta, epsilon)
+
+    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
+        """Return a bifurcation curve in a window: with harmonics the quiet limit only, else RattleError is raised."""
+        return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """Return the points where curves meet; none are known of a forcing with harmonics."""
+        return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
+
+    @classmethod
+    def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+        """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
+        more: dict[str, Any] = {**parameters.others, "harmonics": parameters.harmonics}
+        return Returned.of(inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more))

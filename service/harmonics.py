@@ -1,0 +1,33 @@
+"""Harmonics of the forcing as text, ORDER:AMPLITUDE:PHASE: one way to write them for addresses and commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rattle import ParameterError
+from rattle.parameters import Harmonic
+
+SHAPE = "ORDER:AMPLITUDE:PHASE"
+EXAMPLE = "20:0.0033:0"
+TEXT = (
+    f"a harmonic of the forcing beside the first, {SHAPE}: its amplitude over that of the first, its phase in turns, "
+    f"such as {EXAMPLE}; repeatable; needs restitution, 1 of which is an elastic impact"
+)
+
+
+def read_harmonics(texts: Iterable[str]) -> tuple[Harmonic, ...]:
+    """Return harmonics that are written ORDER:AMPLITUDE:PHASE. Raises ParameterError where one is not."""
+    return tuple(_read(text) for text in texts)
+
+
+def written_harmonics(harmonics: Iterable[Harmonic]) -> list[str]:
+    """Return the texts that `read_harmonics` reads, to the last bit."""
+    return [f"{order}:{amplitude!r}:{phase!r}" for order, amplitude, phase in harmonics]
+
+
+def _read(text: str) -> Harmonic:
+    try:
+        order, amplitude, phase = text.split(":")
+        return int(order), float(amplitude), float(phase)
+    except ValueError:
+        raise ParameterError(f"harmonic {text!r:.80} is not {SHAPE}: write three numbers, such as {EXAMPLE}") from None
