@@ -1,12 +1,11 @@
 """An inelastic motion from impact to impact, for what its impacts sum up to (compiled).
 
-A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` is met a
-million times over (`REST`). The rest takes less than
-2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and has less than REST² of the energy that a captured impact
-may have. The last impact that is followed has the whole contact phase with this rest for its duration and is left with
-speed 0, at the release; its impulse is that of all that happens until then, exactly: Φ' goes from the velocity of
-arrival to 0 while Φ returns to the wall, so that the wall gives the speed of arrival and the integral of the contact
-force.
+A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` is met
+a million times over (`REST`). The rest takes less than 2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and
+has less than REST² of the energy that a captured impact may have. The last impact that is followed has the whole
+contact phase with this rest for its duration and is left with speed 0, at the release; its impulse is that of all that
+happens until then, exactly: Φ' goes from the velocity of arrival to 0 while Φ returns to the wall, so that the wall
+gives the speed of arrival and the integral of the contact force.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The impact map Π on Σ⁺ of the inelastic gear, with its tangent map (compiled).
 
-A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_chatter_captured`), the chatter
-that follows, the contact phase and its release belong to the step, and count as this one impact: the motion then leaves
-at the release with speed 0. Π is constant where states are captured before the same release, and its tangent map 0. On
-Σ⁻ a run of impacts that ends in contact counts as one.
+A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_chatter_captured`), the
+chatter that follows, the contact phase and its release belong to the step, and count as this one impact: the motion
+then leaves at the release with speed 0. Π is constant where states are captured before the same release, and its
+tangent map 0. On Σ⁻ a run of impacts that ends in contact counts as one.
 """
 
 import math
