@@ -98,21 +98,22 @@ def reduced(
     Reduced
         The numbers from which δ, ε, β and SI units follow.
     """
-    ratio = radius / driven_radius
-    inertia2, drag2 = driven_inertia * ratio * ratio, driven_drag * ratio * ratio
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # numbers at the ends of double precision make no gear, which others refuse
+        ratio = np.divide(radius, driven_radius)
+        inertia2, drag2 = driven_inertia * ratio * ratio, driven_drag * ratio * ratio
         rate1, rate2 = np.divide(drag, inertia), np.divide(driven_drag, driven_inertia)
         if drive == "speed":
             heavier, slowed, difference = 1.0, 1.0, 0.0 * rate2
         else:
             share, same = inertia2 / (inertia + inertia2), rate1 == rate2
-            heavier = 1.0 + inertia2 / inertia
+            heavier = 1.0 + np.divide(inertia2, inertia)
             slowed = _plain(np.where(same, 1.0, rate2 / (rate2 + (rate1 - rate2) * share)))
             difference = np.where(same, 0.0, (rate1 - rate2) ** 2 * share * (1.0 - share))
         drift = heavier * rate2 * radius * speed
-    scale = 2.0 * base / (heavier * slowed)
-    inertia, drag = inertia2 * slowed / base, drag2 / base
-    return Reduced(inertia, drag, radius, speed * base, scale, ratio, _plain(difference), _plain(drift))
+        scale = 2.0 * base / (heavier * slowed)
+        reduced_inertia, reduced_drag = inertia2 * slowed / base, drag2 / base
+    made = (reduced_inertia, reduced_drag, radius, speed * base, scale, ratio, difference, drift)
+    return Reduced(*map(_plain, made))
 
 
 def _plain(number: Any) -> Any:
@@ -164,6 +165,8 @@ def half_backlash(backlash: Any, pair: Reduced) -> Any:
 def units(pair: Reduced) -> Units:
     """From the model back to SI units."""
     length, time = pair.radius / pair.scale, TWO_PI / pair.speed
-    force = 0.5 * pair.inertia / (pair.radius * time * time)
-    energy = force * length
-    return Units(length, time, length / time, energy, energy / time, force, 1.0 / time)
+    with np.errstate(all="ignore"):
+        force = _plain(np.divide(0.5 * pair.inertia, pair.radius * time * time))
+        energy = force * length
+        power, speed, frequency = (_plain(np.divide(each, time)) for each in (energy, length, 1.0))
+    return Units(length, time, speed, energy, power, force, frequency)

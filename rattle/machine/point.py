@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rattle.errors import require
 from rattle.machine import conversion
 from rattle.machine.conversion import Reduced, Units
 from rattle.machine.forcing import AMPLITUDES, PairForcing, assembled, components_of
@@ -61,7 +62,7 @@ def machine_point(
     Raises
     ------
     ParameterError
-        Numbers of the two gears disagree.
+        Numbers of the two gears disagree, or are too far apart for double precision.
     """
     from rattle.models import ADDED  # loads all gears: only for who asks
 
@@ -74,6 +75,11 @@ def machine_point(
     drive = given.get("drive", "torque")
     inertia, drag, radius = (given[name] for name in DRIVEN)
     pair = conversion.reduced(inertia, drag, radius, speed, drive, **driven, base=forcing.base)
+    for number in (pair.inertia, pair.scale, pair.drag * pair.speed):
+        require(
+            bool(np.all(np.isfinite(number) & (np.asarray(number) > 0.0))),
+            "the numbers of the two gears are too far apart to be computed with: check inertias, drags and base radii",
+        )
     added = {
         name: each.of_machine(given[each.machine_number], pair)
         for name, each in ADDED.items()

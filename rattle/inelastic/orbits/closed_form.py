@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import TWO_PI
@@ -93,6 +92,8 @@ def bounces(point: InelasticPoint) -> list[Bounce]:
 def _crossings(function: Callable[[Array], Array], count: int) -> list[float]:
     """Return the zeros of a periodic function, one in each of count equal intervals at whose ends its signs differ."""
     grid = np.arange(count + 1) / count
+    from scipy.optimize import brentq  # a quarter of a second to load
+
     values = function(grid)
     changes = np.flatnonzero((values[1:] > 0) != (values[:-1] > 0))
 

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.harmonics import EXAMPLE, TEXT, read_harmonics
+from gear_rattle.service.harmonics import TEXT, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
@@ -56,7 +56,7 @@ SECOND = {
 }
 #: Of these and of what makes what models add, those that are above 0.
 OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
-Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS, examples=[[EXAMPLE]])]
+Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS)]
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},

@@ -172,9 +172,11 @@ def test_a_command_whose_thread_still_computes_ends_without_taking_the_compiler_
 
 
 def test_the_options_of_a_survey_are_the_fields_of_its_request() -> None:
-    fields = (set(SurveyRequest.model_fields) | {"count", "v_max", "budget", "quantity", "audit", "bound"}) - {
+    options = {"count", "v_max", "budget", "quantity", "harmonic", "audit", "bound"}
+    fields = (set(SurveyRequest.model_fields) | options) - {
         "initial_conditions",
         "quantities",
+        "harmonics",
         "model",
         "machine",
     }

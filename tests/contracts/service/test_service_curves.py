@@ -126,6 +126,9 @@ def test_the_route_is_declared(client: TestClient) -> None:
     assert {parameter["name"] for parameter in operation["parameters"]} == {
         "beta",
         "kappa",
+        "restitution",
+        "load",
+        "harmonic",
         "delta_min",
         "delta_max",
         "epsilon_min",

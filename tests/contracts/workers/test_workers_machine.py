@@ -130,3 +130,26 @@ def test_what_cannot_be_meant_is_refused(changed: dict[str, object], message: st
     with pytest.raises(ValidationError) as refused:
         request_of(**changed)
     assert message in str(refused.value)
+
+
+#: Two gears at the ends of double precision: what is made of them is 0 or infinite.
+EXTREME = {"inertia": 5e-324, "drag": 5e-324, "radius": 1e-160, "driven_inertia": 1e-3, "driven_drag": 1e300}
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        EXTREME,
+        EXTREME | {"drive": "speed"},
+        EXTREME | {"radius": 0.05},
+        EXTREME | {"inertia": 0.003},
+        EXTREME | {"driven_inertia": 5e-324},
+        {"radius": 5e-324, "driven_radius": 1.0, "teeth": 1, "driven_teeth": 1},
+    ],
+)
+def test_gears_too_far_apart_are_refused(changed: dict[str, object]) -> None:
+    machine = GEARS | SPANS | changed
+    with pytest.raises(ValidationError):
+        request_of(machine=machine)
+    with pytest.raises(rattle.ParameterError):
+        rattle.Machine(**machine | {"rpm": 3000.0, "eccentricity": 0.0})
