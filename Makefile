@@ -32,7 +32,7 @@ endif
 # What pytest makes of the tests' assertions is kept beside them: to make it takes each of its processes 3 s.
 KEPT := PYTHONDONTWRITEBYTECODE=
 
-.PHONY: survey figures restitution map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels inelastic-kernels lint bench \
+.PHONY: survey figures example restitution map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels inelastic-kernels lint bench \
 	constraints docs docs-links readers readers-table clean
 
 survey: $(SURVEY)
@@ -40,6 +40,10 @@ survey: $(SURVEY)
 
 figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
+
+# The survey that the explorer shows where there is none: a minute.
+example: $(INSTALLED)
+	$(BIN)/python docs/make_example.py
 
 # The pictures and numbers of docs/restitution.md: a quarter of an hour of one core.
 restitution: $(INSTALLED)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import panel as pn
 from gear_rattle.service.explorer.common.address import LIMITS, Limits, Pair
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.map.colouring import Colouring
+from gear_rattle.service.explorer.map.featured import featured_in
 from gear_rattle.workers import SurveyRequest
 from rattle.models import ADDED, BETA
 
@@ -38,6 +39,10 @@ class Controls:
 
     def __init__(self, sheet: str, log: bool, uses: ControlCallbacks) -> None:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
+        self._featured: dict[str, str] = {}  # variables that have a button, by its text
+        self._buttons = pn.widgets.RadioButtonGroup(
+            label="Maps", options=[], button_type="primary", button_style="outline", **styled
+        )
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
         self._slice = pn.widgets.IntSlider(
@@ -59,12 +64,14 @@ class Controls:
         on_press(save, lambda: uses.save())
         self._watch = Watch()
         for widget, used in (
-            (self._variable, uses.variable), (self._index, uses.index), (self._slice, uses.slice),
+            (self._buttons, lambda: self._choose(self._featured[self._buttons.value], uses.variable)),
+            (self._variable, lambda: self._choose(self._variable.value, uses.variable)),
+            (self._index, uses.index), (self._slice, uses.slice),
             (self._rule, uses.limits), (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
         ):  # fmt: skip
             self._watch.on(widget, used)
         self.panel = pn.FlexBox(
-            self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
+            self._buttons, self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
             margin=0, sizing_mode="stretch_width", align_items="flex-end", stylesheets=[UNPRINTED],
         )  # fmt: skip
 
@@ -124,11 +131,23 @@ class Controls:
             return f"A log scale shows positive values only: the second limit must be above 0, not {high:g}."
         return low, high
 
-    def offer_variables(self, names: Iterable[str], chosen: str) -> None:
+    def _choose(self, variable: str, then: Callable[[], None]) -> None:
+        """Show a variable in both controls that choose one."""
+        with self._watch.paused():
+            self._variable.value, self._buttons.value = variable, self._button_of(variable)
+        then()
+
+    def _button_of(self, variable: str) -> str | None:
+        return next((button for button, name in self._featured.items() if name == variable), None)
+
+    def offer_variables(self, names: Collection[str], chosen: str) -> None:
         """Offer the variables of a survey."""
+        self._featured = featured_in(names)
         with self._watch.paused():
             self._variable.options = {name.replace("_", " "): name for name in names}
             self._variable.value = chosen
+            self._buttons.options = list(self._featured)
+            self._buttons.value = self._button_of(chosen)
 
     def offer_indices(self, names: Sequence[object], chosen: int) -> None:
         """Offer the indices of a variable, none if it has no such dimension."""

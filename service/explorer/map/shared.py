@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 from weakref import ReferenceType, ref
 
 from starlette.concurrency import run_in_threadpool
@@ -28,9 +28,9 @@ from rattle.models import DEFAULT_MODEL, MODELS, Model
 
 KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
 
-EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
+EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
-USUAL_FILLING = "quiet_fraction"  # what a survey that is computed shows, if it has that
+USUAL = "quiet_fraction"  # the map of a survey that is shown first, if it has that
 BEFOREHAND = "exact, before the survey has come to it"
 WAITING = "exact; the survey waits for its turn"
 
@@ -48,24 +48,28 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
 def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
     """Return the map of a survey that is shown unless another one is chosen.
 
-    The first that it has, and while it is computed one that fills in.
+    Its quiet fraction; without that the first map that it has, and while it is computed one that fills in.
 
     Returns
     -------
     str
         Name of the variable.
     """
-    first, *others = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
-    if not is_computed or not in_closed_form(request, first):
-        return first
-    filling = [name for name in others if not in_closed_form(request, name)]
-    return USUAL_FILLING if USUAL_FILLING in filling else next(iter(filling), first)
+    maps = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
+    if USUAL in maps:
+        return USUAL
+    filling = (name for name in maps if not in_closed_form(request, name))
+    return next(filling, maps[0]) if is_computed else maps[0]
 
 
 class WithoutSurvey(Protocol):
-    """Closed-form maps, known without any survey, as `Atlas` has the maps of surveys."""
+    """Maps without any survey, as `Atlas` has the maps of surveys."""
 
     request: SurveyRequest
+
+    @property
+    def maps(self) -> dict[str, Any]:
+        """Maps that it has, as `maps_of` has them."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
         """Return a map of it. Blocks: for a thread."""
@@ -163,4 +167,4 @@ class Shared:
         """Return the map without any survey, and what is drawn of it. Blocks: for a thread."""
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()
-        return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXACT)
+        return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXAMPLE)

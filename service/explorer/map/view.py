@@ -27,6 +27,7 @@ from gear_rattle.service.explorer.map.closer import Closer
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import ControlCallbacks, Controls
 from gear_rattle.service.explorer.map.cursor import Cursor, History
+from gear_rattle.service.explorer.map.featured import meaning_of
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import AsSeen
@@ -159,7 +160,7 @@ class MapView:
             self._show_nothing("<p>This survey is no longer there. Choose another one.</p>")
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
         elif not self.view.survey and self._whole is None:
-            self._offer(self._shared.exact.request)
+            self._offer(self._shared.exact.request, self._shared.exact.maps)
             self._redraw()
 
     async def _draw_exact(self) -> None:
@@ -182,10 +183,10 @@ class MapView:
         if self._drawing is None or self._drawing.done():
             self._drawing = self._viewer.start(self._keep_drawing())
 
-    def _offer(self, request: SurveyRequest) -> None:
-        """Offer the maps that a survey has."""
+    def _offer(self, request: SurveyRequest, maps: Mapping[str, Any] | None = None) -> None:
+        """Offer the maps that a survey has, or these of them."""
         self._whole = request
-        maps = maps_of(request)
+        maps = maps_of(request) if maps is None else maps
         self._cut(request, self.view.slice)
         self.map.in_si(request.machine)
         stays = self._has_chosen_variable and self.view.variable in maps
@@ -287,7 +288,8 @@ class MapView:
         self._plane, self._colours = plane, colours
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        self._title.show(f"{escape(colours.title)}{note}")
+        meaning = meaning_of(view.variable)
+        self._title.show(f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(colours.title)}{note}")
         if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
             self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)

@@ -1,6 +1,6 @@
-"""Regions and period-one motions, which are closed forms.
+"""Maps without any survey: the example that comes with the explorer, and closed forms of a survey that is not done.
 
-The paper's plane without any survey, and those of a survey before it is computed.
+Regions and period-one motions are closed forms, of the example too.
 """
 
 from __future__ import annotations
@@ -11,38 +11,32 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from threading import Lock
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.map.planes import SIDE, MapPlane
+from gear_rattle.service.explorer.map.planes import SIDE, MapPlane, maps_of
+from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, sampled
+from gear_rattle.service.explorer.places.example import KEPT as SAMPLED
 from gear_rattle.workers import Axis, SurveyRequest
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
 from gear_rattle.workers.survey.levels.grid import halvings
 from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.quantities import held, labels_of
-from gear_rattle.workers.survey.values.schema import Group
-
-#: A cell is half a step wider than the axes on either side, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
-ASKED = SurveyRequest(
-    delta=Axis(start=0.4015, stop=0.9985, num=200),
-    epsilon=Axis(start=0.001, stop=0.299, num=150),
-    quantities=(Group.REGION, Group.ORBITS),
-)
-
 
 KEPT = 8  # maps of surveys that are not done
 
 
 class ExactPlane(MapPlane):
-    """One map of these. What is read at a point is computed there. Blocks: for a thread."""
+    """One map of these. Closed forms are computed at the point that is read. Blocks: for a thread."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
-        self.id, self.number, self.request, self._evaluated = "", 0, ASKED, cells
-        self.plane, self._levels = plane_of(found, variable, index), halvings(ASKED.shape)
+        self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
+        self.plane, self._levels = plane_of(found, variable, index), halvings(REQUEST.shape)
         self.delta, self.epsilon = cells.delta, cells.epsilon
         self.values = drawn_numbers(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
@@ -53,6 +47,22 @@ class ExactPlane(MapPlane):
             return None
         here = replace(self._evaluated, delta=np.array([delta]), epsilon=np.array([epsilon]))
         return _dataset(here).isel(delta=0, epsilon=0)
+
+
+class ExamplePlane(ExactPlane):
+    """One map of the example."""
+
+    def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
+        super().__init__(cells, found, variable, index)
+        self._sampled = found[list(SAMPLED)]
+
+    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+        """Return the closed forms of a point, and the samples of the cell that it is in; None outside of all cells."""
+        here = super().cell(delta, epsilon)
+        if here is None or self.at(delta, epsilon) is None:
+            return here
+        around = self._sampled.sel(delta=delta, epsilon=epsilon, method="nearest")
+        return here.merge(around.drop_vars(["delta", "epsilon"]))
 
 
 class Beforehand(ExactPlane):
@@ -78,18 +88,29 @@ class Beforehand(ExactPlane):
         return super().cell(delta, epsilon)
 
 
+def _closed_forms(request: SurveyRequest) -> SurveyRequest:
+    """Return a survey of the closed forms of this one."""
+    return SurveyRequest(beta=request.beta, delta=request.delta, epsilon=request.epsilon, quantities=CLOSED_FORMS)
+
+
 def _thinned(request: SurveyRequest) -> SurveyRequest:
     """Return the closed forms of a survey on as many cells as are drawn at once."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
     )
-    return SurveyRequest(beta=request.beta, delta=delta, epsilon=epsilon, quantities=ASKED.quantities)
+    return _closed_forms(request.model_copy(update={"delta": delta, "epsilon": epsilon}))
 
 
 class Exact:
     """The maps, computed once for all pages, when the first of them is asked for."""
 
-    request = ASKED
+    request = REQUEST
+
+    @property
+    def maps(self) -> dict[str, Any]:
+        """Maps of the example, as `maps_of` has them."""
+        exact = maps_of(_closed_forms(REQUEST))
+        return {name: names for name, names in maps_of(REQUEST).items() if name in {*MAPS, *exact}}
 
     def __init__(self) -> None:
         self._beforehand: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
@@ -112,20 +133,20 @@ class Exact:
 
     def plane(self, variable: str, index: int) -> MapPlane:
         """See `WithoutSurvey`."""
-        return ExactPlane(self._cells, self._found, variable, index)
+        return ExamplePlane(self._cells, self._found, variable, index)
 
     @cached_property
     def _cells(self) -> Cells:
-        return cells_of_tile(ASKED)
+        return cells_of_tile(_closed_forms(REQUEST))
 
     @cached_property
     def _found(self) -> xr.Dataset:
-        return _dataset(self._cells)
+        return _dataset(self._cells).merge(sampled(), join="exact")
 
 
 def _dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
     """Return the requested variables of cells, or some of them, as an open survey has them."""
-    every = [each for each in held(ASKED.quantities, ASKED.model) if each.per_cell]
+    every = [each for each in held(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(labels_of(dim, 1)) for dim in dims}
