@@ -1,18 +1,18 @@
-"""The controls of the map: which variable it shows, of which index, and what its colours span."""
+"""The controls of the map: its variable, with buttons for some, its index, and the range of its colours."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import LIMITS, Limits, Pair
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.map.colouring import Colouring
-from gear_rattle.service.explorer.map.featured import featured_in
 from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.pictures.look import LARGEST
 from rattle.models import ADDED, BETA
 
 LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
@@ -20,6 +20,52 @@ LETTERS = {each.name: each.symbol for each in (BETA, *ADDED.values())}
 UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
 NUMBERED = "Attractor no."
+
+
+class FeaturedMap(NamedTuple):
+    """A map with a button; variables: those that show it, the best first."""
+
+    button: str
+    variables: tuple[str, ...]
+    meaning: str
+
+
+FEATURED = (
+    FeaturedMap(
+        "Quiet",
+        ("quiet_fraction",),
+        "Yellow: the gear runs quietly from most starts. Dark: it rattles. Click anywhere for its motions.",
+    ),
+    FeaturedMap(
+        "Motions", (LARGEST, "attractor_kind"), "The motion that most starts end in. Click anywhere to see all of them."
+    ),
+    FeaturedMap(
+        "Chaos",
+        ("lyapunov_max", "chaotic_fraction"),
+        "How fast two nearly equal rattling motions part: chaotic where the exponent is above 0, periodic below.",
+    ),
+    FeaturedMap(
+        "Loudness",
+        ("worst_level",),
+        "Energy of the loudest motion's impacts: 0 dB is one impact a revolution, +10 dB ten times its energy.",
+    ),
+    FeaturedMap(
+        "Regions",
+        ("region",),
+        "Which motions with one impact a revolution (A to D) exist: none in I, A and C in II; see Help for the others.",
+    ),
+)
+
+
+def featured_in(names: Collection[str]) -> dict[str, str]:
+    """Return the variables that have a button, by its text, of those that a survey has."""
+    found = {each.button: next((name for name in each.variables if name in names), None) for each in FEATURED}
+    return {button: name for button, name in found.items() if name is not None}
+
+
+def meaning_of(variable: str) -> str:
+    """Return how to read a map; nothing for a map without a button."""
+    return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
 @dataclass(frozen=True)
@@ -41,7 +87,7 @@ class Controls:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._featured: dict[str, str] = {}  # variables that have a button, by its text
         self._buttons = pn.widgets.RadioButtonGroup(
-            label="Maps", options=[], button_type="primary", button_style="outline", **styled
+            label="Maps", options=[], color="primary", variant="outline", **styled
         )
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)

@@ -25,9 +25,8 @@ from gear_rattle.service.explorer.design.places import Bookmark
 from gear_rattle.service.explorer.map.beside import Beside
 from gear_rattle.service.explorer.map.closer import Closer
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.controls import ControlCallbacks, Controls
+from gear_rattle.service.explorer.map.controls import ControlCallbacks, Controls, meaning_of
 from gear_rattle.service.explorer.map.cursor import Cursor, History
-from gear_rattle.service.explorer.map.featured import meaning_of
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import AsSeen

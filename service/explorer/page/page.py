@@ -76,7 +76,7 @@ class Page:
             self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
         )
         self._new = pn.widgets.Button(
-            label="New survey", button_type="primary", css_classes=["new"], stylesheets=[sheet], margin=8
+            label="New survey", color="primary", css_classes=["new"], stylesheets=[sheet], margin=8
         )
         on_press(self._new, self._toggle_form)
         # In a column of its own: what is put between others has all of them set anew.
