@@ -1,4 +1,4 @@
-"""A machine, two equal gears in SI units: which parameter point it is, and what one unit of the model is there."""
+"""A machine, two gears in SI units: which parameter point it is, and what one unit of the model is there."""
 
 from __future__ import annotations
 
@@ -139,6 +139,7 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
 
 
 PlaceQuery = Annotated[Place, Depends(place_of_query)]
+MachineQuery = Annotated[Machine, Depends(machine_of_query)]
 
 
 class UnitsDocument(BaseModel):
@@ -166,7 +167,7 @@ else:
 
 
 class MachineDocument(_Numbers):
-    """A machine, two equal gears, as a parameter point, and back."""
+    """A machine, two gears, as a parameter point, and back."""
 
     units: UnitsDocument
     harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
@@ -177,15 +178,20 @@ class MachineDocument(_Numbers):
 
 @router.get(
     "/machine",
-    summary="A machine, two equal gears, in SI units as a parameter point, and back",
+    summary="A machine, two gears in SI units, as a parameter point, and back",
     dependencies=[Depends(function_of_query)],
     responses={**NOT_MODIFIED, **declared(422)},
 )
-async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Convert the numbers of a machine; both gears have this inertia, drag and radius.
+async def machine(found: MachineQuery) -> MachineDocument:
+    """Convert the numbers of a machine: two equal gears, or unlike ones with the numbers of the second gear.
 
     Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """
+    return machine_document(found)
+
+
+def machine_document(found: Machine) -> MachineDocument:
+    """Return a machine as it is answered."""
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         quiet_limit = json_number(gear.quiet_limit * found.units.length)
