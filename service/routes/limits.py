@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.operations.turns import in_turn
@@ -47,7 +47,17 @@ Named = Literal[
     "mesh_error_2",
     "mesh_error_3",
 ]
-Wanted = Named | OfOrder
+
+
+def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return handler(value)
+    except ValidationError as error:
+        known = ", ".join(get_args(Named))
+        raise ValueError(f"must be one of {known}, or an order such as harmonic_12 or error_12") from error
+
+
+Wanted = Annotated[Named | OfOrder, WrapValidator(_one_of_both)]
 WANTED = (
     "what the limit is of; it need not be given. harmonic_12 is the amplitude of order 12 over that of the first, "
     "error_12 that of a machine in m"
