@@ -29,6 +29,17 @@ THIRD_AXIS: dict[str, Any] = {
     "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
 }
 
+#: Impacts that lose energy, a load, and an error once a tooth of twenty.
+INELASTIC: dict[str, Any] = {
+    "name": "figure 7 with losses and a mesh error",
+    "model": "inelastic",
+    "restitution": {"start": 0.8, "stop": 1.0, "num": 5},
+    "load": 0.2,
+    "harmonics": [[20, 0.0033, 0.0]],
+    "delta": {"start": 0.4, "stop": 1.0, "num": 31},
+    "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
+}
+
 DESCRIPTION = {"name": "figure 7 as printed", "notes": "Beside it on the wall: the same with 512 initial conditions."}
 
 SURVEY: dict[str, Any] = {
@@ -65,6 +76,7 @@ DETAIL: dict[str, Any] = SURVEY | {
         | {"budget": 1_000_000, "tau_min": 0.0, "tau_max": 1.0, "v_min": 0.0},
         "slots": None,
         "slots_by": None,
+        "harmonics": [],
         "machine": None,
         "refine": None,
         "certify": False,
@@ -134,6 +146,7 @@ ORBITS: dict[str, Any] = {
     "epsilon": 0.1,
     "beta": 0.6,
     **NOTHING_ADDED,
+    "harmonics": [],
     "region": 4,
     "region_name": "IV",
     "sn1": 0.05964305819304494,
@@ -165,6 +178,7 @@ ATTRACTORS: dict[str, Any] = {
     "epsilon": 0.1,
     "beta": 0.6,
     **NOTHING_ADDED,
+    "harmonics": [],
     "count": 16,
     "v_max": 7.0,
     "seed": 0,
@@ -175,6 +189,7 @@ ATTRACTORS: dict[str, Any] = {
             "m": 0,
             "n_plus": 0,
             "n_minus": 0,
+            "contacts": 0,
             "fraction": 0.875,
             "fraction_interval": [0.639771727342413, 0.9650225122567595],
             "lyapunov": [None, None],

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.harmonics import EXAMPLE, TEXT, read_harmonics
+from gear_rattle.service.harmonics import TEXT, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
@@ -56,7 +56,7 @@ SECOND = {
 }
 #: Of these and of what makes what models add, those that are above 0.
 OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
-Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS, examples=[[EXAMPLE]])]
+Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS)]
 #: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
@@ -80,6 +80,20 @@ async def machine_of_query(
 ) -> Machine:
     """Return the machine of the query. Raises ParameterError on what can only be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
+
+
+@with_queries({"drive": {"restitution": query_of("restitution"), **ADDED_QUERIES["drive"]}})
+async def measured_machine_of_query(
+    inertia: Annotated[float, positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, positive_query(LINE, 0.0001)],
+    radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
+    drive: Drive = "torque",
+    **making: Any,
+) -> Machine:
+    """Return the machine of the query without eccentricity, which a measured curve has. Raises ParameterError."""
+    return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **making)
 
 
 @dataclass(frozen=True)
@@ -140,6 +154,7 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
 
 PlaceQuery = Annotated[Place, Depends(place_of_query)]
 MachineQuery = Annotated[Machine, Depends(machine_of_query)]
+MeasuredMachineQuery = Annotated[Machine, Depends(measured_machine_of_query)]
 
 
 class UnitsDocument(BaseModel):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +14,13 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.operations.turns import in_turn
-from gear_rattle.service.routes.model.machine import LINE, MachineDocument, MachineQuery, machine_document
+from gear_rattle.service.routes.model.machine import (
+    LINE,
+    MachineDocument,
+    MachineQuery,
+    MeasuredMachineQuery,
+    machine_document,
+)
 from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
@@ -26,7 +33,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 CSV = "text/csv"
 ORDERS = 40
-EXAMPLE = "angle_deg,error_um\n0,15.06\n1,14.93\n…"
+EXAMPLE = "angle_deg,error_um\n" + "".join(f"{4 * i},{15 * math.cos(math.radians(4 * i)):.2f}\n" for i in range(90))
 
 
 class MeasuredDocument(BaseModel):
@@ -40,7 +47,7 @@ class MeasuredDocument(BaseModel):
 
 
 class VerdictDocument(BaseModel):
-    """Whether a machine rattles."""
+    """Verdict of a machine."""
 
     kind: Literal["quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles"]
     share: float = Field(description="share of the starts that end in rattling")
@@ -75,7 +82,7 @@ async def verdict(
 )
 async def verdict_of_measured(
     front: FrontState,
-    machine: MachineQuery,
+    machine: MeasuredMachineQuery,
     curve: Annotated[
         str,
         Body(
@@ -89,7 +96,7 @@ async def verdict_of_measured(
     count: SampleCount = 256,
     seed: SampleSeed = 0,
 ) -> VerdictDocument:
-    """Answer for a machine whose transmission error is a table of text; its eccentricity is 0 beside it.
+    """Answer for a machine whose transmission error is a table of text, which has its eccentricity.
 
     `machine` in the answer has the model's numbers, restitution and harmonics, with which all other routes answer.
     """
