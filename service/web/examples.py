@@ -33,11 +33,12 @@ THIRD_AXIS: dict[str, Any] = {
 INELASTIC: dict[str, Any] = {
     "name": "figure 7 with losses and a mesh error",
     "model": "inelastic",
-    "restitution": {"start": 0.8, "stop": 1.0, "num": 5},
+    "restitution": {"start": 0.8, "stop": 0.9, "num": 2},
     "load": 0.2,
     "harmonics": [[20, 0.0033, 0.0]],
-    "delta": {"start": 0.4, "stop": 1.0, "num": 31},
-    "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
+    "delta": {"start": 0.4, "stop": 1.0, "num": 7},
+    "epsilon": {"start": 0.005, "stop": 0.1, "num": 6},
+    "initial_conditions": {"count": 8},
 }
 
 DESCRIPTION = {"name": "figure 7 as printed", "notes": "Beside it on the wall: the same with 512 initial conditions."}
