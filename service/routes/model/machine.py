@@ -67,7 +67,7 @@ ADDED_QUERIES: dict[str, dict[str, Any]] = {
 }
 
 
-@with_queries({"drive": {"restitution": query_of("restitution"), **ADDED_QUERIES["drive"]}})
+@with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
@@ -82,7 +82,7 @@ async def machine_of_query(
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
 
 
-@with_queries({"drive": {"restitution": query_of("restitution"), **ADDED_QUERIES["drive"]}})
+@with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def measured_machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
