@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from rattle.models import ADDED, DEFAULT_MODEL, OTHERS
+from rattle.populations import DIMENSIONLESS, OF_MACHINE
 
 NOTHING_ADDED: dict[str, Any] = dict.fromkeys(ADDED)
-MACHINE_NUMBERS = [each.machine_number for each in ADDED.values() if each.machine_number is not None]
 SURVEY_ID = "4f1c0d9a7be25836"
 HERE = f"/v1/surveys/{SURVEY_ID}"
 
@@ -119,7 +119,7 @@ POPULATION: dict[str, Any] = {
 POPULATION_DETAIL: dict[str, Any] = POPULATION | {
     "request": POPULATION_REQUEST
     | {
-        "gear": dict.fromkeys(("delta", "epsilon", *OTHERS, *MACHINE_NUMBERS, "drive"))
+        "gear": dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE, "drive"))
         | POPULATION_REQUEST["gear"]
         | {"eccentricity": POPULATION_REQUEST["gear"]["eccentricity"] | {"high": None}},
         "share": None,
