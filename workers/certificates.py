@@ -31,7 +31,7 @@ from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.slices import surveyed_model, value_along
 from gear_rattle.workers.survey.values.schema import CELL
-from rattle.models import Model
+from rattle.models import Capability, Model, lacking
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,10 +61,23 @@ class AttractorClaim(NamedTuple):
 
 
 def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
-    """Return the periodic attractors of a survey, cell by cell. Raises SurveyError if it has none, or a third axis."""
+    """Return the periodic attractors of a survey, cell by cell.
+
+    Returns
+    -------
+    list[AttractorClaim]
+        The attractors.
+
+    Raises
+    ------
+    SurveyError
+        If the survey has none or a third axis, or if no proofs are known of its model.
+    """
     if "attractor_kind" not in survey:
         raise SurveyError("the survey has no attractors: ask for the group attractors")
     model = surveyed_model(survey)
+    if Capability.PROOFS not in model.has:
+        raise SurveyError(str(lacking(Capability.PROOFS, model)))
     names = ("kind", "phase", "velocity", "m", "n_plus", "n_minus")
     kind, tau, v, *label = (survey[f"attractor_{name}"].transpose(*SLOT).values for name in names)
     delta, epsilon = survey["delta"].values, survey["epsilon"].values

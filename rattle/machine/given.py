@@ -68,6 +68,7 @@ def is_quantity(value: Any) -> bool:
 
 def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
     """Raise ParameterError on numbers, named with a prefix, that can only be in other units than SI's."""
+    require(radius > 0.0, f"{prefix}radius is 0 in double precision: give larger radii in metres")
     require(
         radius <= LARGEST_RADIUS,
         f"{prefix}radius must be in metres: {radius:g} m is no gear; for {radius:g} mm give {1e-3 * radius:g}",

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from rattle.errors import require, require_number, require_one_of, require_pair
-from rattle.models import ADDED
+from rattle.models import ADDED, Stiff, owner_of
 from rattle.plot import basins, diagram, plane, stiff
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.drawing import Drawing
@@ -153,6 +153,11 @@ def request(
     for name in given:
         require_one_of("a parameter", name, ADDED)
         words = f"a {ADDED[name].label} {name}"
+        owner = owner_of(name).name
+        require(
+            owner == Stiff.name,
+            f"the paper's figures have no {name}, which the {owner} model adds: leave it out, and draw a survey",
+        )
         require(figure.stiff is not None, f"only Figures {have} take {words}, not {number}")
     return Request(
         number,

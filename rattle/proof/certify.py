@@ -32,7 +32,11 @@ def certify(
     ParameterError
         If an exact number is not that of the motion.
     """
-    require(isinstance(orbit, Periodic), f"orbit must be a periodic motion, got {type(orbit).__name__}")
+    require(
+        isinstance(orbit, Periodic),
+        f"orbit must be a periodic motion of the impacting or the stiff gear, got {type(orbit).__name__}: no proof is "
+        "known of another",
+    )
     events = len(orbit.walls)
     require(
         len(orbit.times) == len(orbit.speeds) == events > 0, "the motion must have a time and a speed for each wall"

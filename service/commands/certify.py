@@ -159,12 +159,14 @@ def _theorem(line: str) -> object:
 
 def _prove_point(delta: str, epsilon: str, beta: str, added: Mapping[str, str]) -> None:
     import rattle
-    from rattle.models import model_of
+    from rattle.models import Capability, model_of, require_capability
     from rattle.proof.certificate import exact_number
 
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, **added}
     numbers = {name: float(exact_number(name, text)) for name, text in given.items()}
-    gear = model_of(**{name: numbers[name] for name in ("beta", *added)}).gear(numbers["delta"], numbers["epsilon"])
+    model = model_of(**{name: numbers[name] for name in ("beta", *added)})
+    require_capability(Capability.PROOFS, model)
+    gear = model.gear(numbers["delta"], numbers["epsilon"])
     starts = [(orbit.tau, orbit.v, orbit.n_plus) for orbit in gear.orbits()]
     starts += [(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.m > 1 or each.n_plus > 1]
     refused = not starts

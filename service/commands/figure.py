@@ -21,7 +21,7 @@ ALL, STIFF = "all", "stiff"
 SURVEY_PICTURE = "survey.png"
 
 
-@partial(with_added, kind=float, text="{}, for the stiff gear in Figures 5 and 9.")
+@partial(with_added, kind=float, text="{}, for the stiff gear in Figures 5 and 9.", model="stiff")
 def figure(
     what: Annotated[
         list[str],

@@ -13,7 +13,14 @@ if TYPE_CHECKING:
     from rattle import Limit
 
 #: The unit of a machine's number, and how many of it its SI unit is.
-UNITS = {"eccentricity": (" µm", 1e6), "backlash": (" µm", 1e6), "rpm": (" rpm", 1.0), "drag": (" N m s/rad", 1.0)}
+MICROMETRES = (" µm", 1e6)
+LENGTHS = ("eccentricity", "backlash", "driven_eccentricity", "mesh_error", "mesh_error_2", "mesh_error_3")
+UNITS = {
+    **dict.fromkeys(LENGTHS, MICROMETRES),
+    "rpm": (" rpm", 1.0),
+    "drag": (" N m s/rad", 1.0),
+    "load_torque": (" N m", 1.0),
+}
 MOST_VALUES = 1000
 
 
@@ -24,7 +31,8 @@ def limit(
         str,
         typer.Argument(
             metavar="NUMBER",
-            help="Number to limit: eccentricity, backlash, rpm or drag of a machine; epsilon, beta or delta.",
+            help="Number to limit: eccentricity, mesh_error, backlash, rpm, drag or load_torque of a machine, error_12 "
+            "the amplitude of its order 12; epsilon, beta, delta, load, harmonic_12; or restitution.",
         ),
     ],
     share: Annotated[float, typer.Option(help="Least probability of quiet running.")] = 0.99,
@@ -48,7 +56,7 @@ def limit(
 ) -> None:
     """Print up to which value of a number a gear runs quietly often enough.
 
-    The largest eccentricity, backlash or speed, the least drag.
+    The largest eccentricity, mesh error, backlash, restitution or speed, the least drag or load.
 
     The other numbers are options: delta, epsilon and beta, or a machine's.
     """
@@ -75,10 +83,10 @@ def _words(of: str, share: float, found: Limit, at: str = "") -> str:
     """Return a limit in a line."""
     from rattle.populations import SAFE_IF_SMALL
 
-    unit, scale = UNITS.get(of, ("", 1.0))
+    unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
         return f"no limit of {of} between the values that were looked at: see --between"
-    way = "up to" if SAFE_IF_SMALL[of] else "down to"
+    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"  # amplitudes of orders are not in it
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
 

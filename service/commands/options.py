@@ -107,7 +107,9 @@ def with_options(
     return with_given
 
 
-def with_added(command: Command, kind: Any, text: str | None = None, after: str = "beta") -> Command:
+def with_added(
+    command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
+) -> Command:
     """Give a command an option for each number that a model adds, behind one of its own.
 
     It takes those that are given for its last argument, by name.
@@ -116,6 +118,8 @@ def with_added(command: Command, kind: Any, text: str | None = None, after: str 
     ----------
     text : str | None
         What the option is for, with `{}` where its name in words stands; by default as for a point.
+    model : str | None
+        The one model whose numbers are taken; by default all models'.
 
     Returns
     -------
@@ -137,6 +141,7 @@ def with_added(command: Command, kind: Any, text: str | None = None, after: str 
             ],
         )
         for each in added().values()
+        if model in (None, each.model)
     ]
     place = 1 + [each.name for each in own].index(after)
 

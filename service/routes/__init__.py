@@ -21,6 +21,7 @@ from gear_rattle.service.routes.model import (
     notebook,
     points,
     reached,
+    verdict,
 )
 
 ROUTERS: tuple[APIRouter, ...] = (
@@ -36,6 +37,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     reached.router,
     intensity.router,
     machine.router,
+    verdict.router,
     limits.router,
     basins.router,
     notebook.router,

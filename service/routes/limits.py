@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.operations.turns import in_turn
@@ -30,7 +30,38 @@ from rattle.populations import MOST_SHARE, model_of_numbers
 router = APIRouter(prefix="/v1", tags=["points"])
 
 MOST_VALUES = 16
-Wanted = Literal["epsilon", "delta", "beta", "eccentricity", "drag", "backlash", "rpm"]
+OfOrder = Annotated[str, Field(pattern=r"^(harmonic|error)_[1-9]\d{0,2}$")]
+Named = Literal[
+    "epsilon",
+    "delta",
+    "beta",
+    "load",
+    "restitution",
+    "eccentricity",
+    "drag",
+    "backlash",
+    "rpm",
+    "load_torque",
+    "driven_eccentricity",
+    "mesh_error",
+    "mesh_error_2",
+    "mesh_error_3",
+]
+
+
+def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return handler(value)
+    except ValidationError as error:
+        known = ", ".join(get_args(Named))
+        raise ValueError(f"must be one of {known}, or an order such as harmonic_12 or error_12") from error
+
+
+Wanted = Annotated[Named | OfOrder, WrapValidator(_one_of_both)]
+WANTED = (
+    "what the limit is of; it need not be given. harmonic_12 is the amplitude of order 12 over that of the first, "
+    "error_12 that of a machine in m"
+)
 
 
 class LimitDocument(BaseModel):
@@ -80,7 +111,7 @@ async def numbers_of_query(
 async def limits(
     front: FrontState,
     given: Annotated[dict[str, Any], Depends(numbers_of_query)],
-    of: Annotated[Wanted, Query(description="what the limit is of; it need not be given", examples=["epsilon"])],
+    of: Annotated[Wanted, Query(description=WANTED, examples=["epsilon"])],
     share: Annotated[
         float, Query(gt=0, le=MOST_SHARE, description="least probability of quiet running", examples=[0.8])
     ] = 0.99,
@@ -97,7 +128,8 @@ async def limits(
 ) -> LimitsDocument:
     """Return the limit at which, and on whose safe side everywhere, a gear runs quietly with this probability.
 
-    It is the largest eccentricity, backlash or speed, or the least damping or drag. In metres and rpm of a machine.
+    It is the largest eccentricity, mesh error, backlash, restitution or speed, or the least damping, drag or load. In
+    metres, rpm and N m of a machine.
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):

@@ -83,7 +83,7 @@ def submit(
     front: FrontState,
     caller: CallerState,
     response: Response,
-    body: Annotated[SurveyRequest, Body(examples=[examples.REQUEST, examples.THIRD_AXIS])],
+    body: Annotated[SurveyRequest, Body(examples=[examples.REQUEST, examples.THIRD_AXIS, examples.INELASTIC])],
     idempotency_key: IdempotencyKey = None,
     force: Annotated[bool, Query(description="compute it although an identical survey is there")] = False,
 ) -> SurveyDetail:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from rattle.models import ADDED, DEFAULT_MODEL, OTHERS
+from rattle.populations import DIMENSIONLESS, OF_MACHINE
 
 NOTHING_ADDED: dict[str, Any] = dict.fromkeys(ADDED)
-MACHINE_NUMBERS = [each.machine_number for each in ADDED.values() if each.machine_number is not None]
 SURVEY_ID = "4f1c0d9a7be25836"
 HERE = f"/v1/surveys/{SURVEY_ID}"
 
@@ -27,6 +27,18 @@ THIRD_AXIS: dict[str, Any] = {
     "beta": {"start": 0.5, "stop": 0.7, "num": 5},
     "delta": {"start": 0.4, "stop": 1.0, "num": 31},
     "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
+}
+
+#: Impacts that lose energy, a load, and an error once a tooth of twenty.
+INELASTIC: dict[str, Any] = {
+    "name": "figure 7 with losses and a mesh error",
+    "model": "inelastic",
+    "restitution": {"start": 0.8, "stop": 0.9, "num": 2},
+    "load": 0.2,
+    "harmonics": [[20, 0.0033, 0.0]],
+    "delta": {"start": 0.4, "stop": 1.0, "num": 7},
+    "epsilon": {"start": 0.005, "stop": 0.1, "num": 6},
+    "initial_conditions": {"count": 8},
 }
 
 DESCRIPTION = {"name": "figure 7 as printed", "notes": "Beside it on the wall: the same with 512 initial conditions."}
@@ -65,6 +77,7 @@ DETAIL: dict[str, Any] = SURVEY | {
         | {"budget": 1_000_000, "tau_min": 0.0, "tau_max": 1.0, "v_min": 0.0},
         "slots": None,
         "slots_by": None,
+        "harmonics": [],
         "machine": None,
         "refine": None,
         "certify": False,
@@ -106,7 +119,7 @@ POPULATION: dict[str, Any] = {
 POPULATION_DETAIL: dict[str, Any] = POPULATION | {
     "request": POPULATION_REQUEST
     | {
-        "gear": dict.fromkeys(("delta", "epsilon", *OTHERS, *MACHINE_NUMBERS, "drive"))
+        "gear": dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE, "drive"))
         | POPULATION_REQUEST["gear"]
         | {"eccentricity": POPULATION_REQUEST["gear"]["eccentricity"] | {"high": None}},
         "share": None,
@@ -134,6 +147,7 @@ ORBITS: dict[str, Any] = {
     "epsilon": 0.1,
     "beta": 0.6,
     **NOTHING_ADDED,
+    "harmonics": [],
     "region": 4,
     "region_name": "IV",
     "sn1": 0.05964305819304494,
@@ -165,6 +179,7 @@ ATTRACTORS: dict[str, Any] = {
     "epsilon": 0.1,
     "beta": 0.6,
     **NOTHING_ADDED,
+    "harmonics": [],
     "count": 16,
     "v_max": 7.0,
     "seed": 0,
@@ -176,6 +191,7 @@ ATTRACTORS: dict[str, Any] = {
             "contacts": 0,
             "n_plus": 0,
             "n_minus": 0,
+            "contacts": 0,
             "fraction": 0.875,
             "fraction_interval": [0.639771727342413, 0.9650225122567595],
             "lyapunov": [None, None],

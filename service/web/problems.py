@@ -62,7 +62,7 @@ ADVICE = {
     404: "Nothing is here. /docs lists the paths of this service. Below a path of a proxy it needs RATTLE_ROOT_PATH.",
     405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
     408: "The request did not arrive whole in time. Send it at once, or closer to the service.",
-    413: "The request body is too large for this service. A survey is described by its axes, not by its cells.",
+    413: "The request body is too large here. Give a survey by its axes, and a measured curve by fewer points.",
     414: "The URL is too long. Nothing that this service knows has a long one.",
     415: "Send the body as JSON, with the header Content-Type: application/json.",
     416: "The file is shorter than the requested range. Ask for bytes below its Content-Length.",

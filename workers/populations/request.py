@@ -15,8 +15,8 @@ from gear_rattle.workers.survey.values.schema import Group
 from gear_rattle.workers.survey.version import code_version
 from rattle import Shock
 from rattle.attractors import BUDGET, LARGEST_BUDGET, PERIODS, WATCH
-from rattle.models import MODELS
-from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan, Tolerances
+from rattle.models import ADDED, MODELS
+from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
 
 MAX_TILE_GEARS = 65_536
 FEWEST = 64  # gears of a default tile, where each is soon told
@@ -56,6 +56,14 @@ class PopulationRequest(Strict):
     @model_validator(mode="after")
     def _meant(self) -> Self:
         """Refuse the values that the library refuses: ParameterError is a ValueError."""
+        # The library refuses a restitution above 1 where it is drawn, which may be in the last tile.
+        for name, each in ADDED.items():
+            value = self.plan.tolerances.given.get(name)
+            if isinstance(value, Distribution) and value.range[1] > each.greatest:
+                raise ValueError(
+                    f"{name} must be at most {each.greatest:g}, and its distribution goes up to {value.range[1]:.3g}: "
+                    f"cut it off (high={each.greatest:g})"
+                )
         with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
             size = self.tile_shape[0]
         if size * self.count > MAX_TILE_SAMPLES:

@@ -287,6 +287,8 @@ class SurveyRequest(_Numbers):
     def _has_what_it_proves(self) -> Self:
         if self.certify and Group.ATTRACTORS not in self.quantities:
             raise ValueError("certify proves attractors: name this quantity too, or leave certify out")
+        if self.certify and Capability.PROOFS not in MODELS[self.model].has:
+            raise ValueError(f"a proof of periodic motions is not known of the {self.model} model: leave certify out")
         if self.certify and self.third:
             raise ValueError(
                 f"certify is of a survey without a third axis: give one number for {self.third}, or prove its slices "

@@ -15,14 +15,16 @@ from rattle.models import ADDED, DEFAULT_MODEL, owner_of
 Route = TypeVar("Route", bound=Callable[..., Any])
 
 
-def query_of(name: str, otherwise: str = DEFAULT_MODEL) -> Any:
+def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the type of a parameter of a query: a number that a model adds, or nothing."""
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
     text = f"{words}: the {owner_of(name).name} model; else {otherwise}"
     above, least = (None, 0) if each.may_be_zero else (0, None)
-    return Annotated[float | None, Query(gt=above, ge=least, le=upper, allow_inf_nan=False, description=text)]
+    examples = None if example is None else [example]
+    query = Query(gt=above, ge=least, le=upper, allow_inf_nan=False, description=text, examples=examples)
+    return Annotated[float | None, query]
 
 
 def machine_texts() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""A machine, two equal gears in SI units: which parameter point it is, and what one unit of the model is there."""
+"""A machine, two gears in SI units: which parameter point it is, and what one unit of the model is there."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ ADDED_QUERIES: dict[str, dict[str, Any]] = {
 }
 
 
-@with_queries({"drive": {"restitution": query_of("restitution"), **ADDED_QUERIES["drive"]}})
+@with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
@@ -80,6 +80,20 @@ async def machine_of_query(
 ) -> Machine:
     """Return the machine of the query. Raises ParameterError on what can only be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
+
+
+@with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+async def measured_machine_of_query(
+    inertia: Annotated[float, positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, positive_query(LINE, 0.0001)],
+    radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
+    drive: Drive = "torque",
+    **making: Any,
+) -> Machine:
+    """Return the machine of the query without eccentricity, which a measured curve has. Raises ParameterError."""
+    return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **making)
 
 
 @dataclass(frozen=True)
@@ -139,6 +153,8 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
 
 
 PlaceQuery = Annotated[Place, Depends(place_of_query)]
+MachineQuery = Annotated[Machine, Depends(machine_of_query)]
+MeasuredMachineQuery = Annotated[Machine, Depends(measured_machine_of_query)]
 
 
 class UnitsDocument(BaseModel):
@@ -166,7 +182,7 @@ else:
 
 
 class MachineDocument(_Numbers):
-    """A machine, two equal gears, as a parameter point, and back."""
+    """A machine, two gears, as a parameter point, and back."""
 
     units: UnitsDocument
     harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
@@ -177,15 +193,20 @@ class MachineDocument(_Numbers):
 
 @router.get(
     "/machine",
-    summary="A machine, two equal gears, in SI units as a parameter point, and back",
+    summary="A machine, two gears in SI units, as a parameter point, and back",
     dependencies=[Depends(function_of_query)],
     responses={**NOT_MODIFIED, **declared(422)},
 )
-async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Convert the numbers of a machine; both gears have this inertia, drag and radius.
+async def machine(found: MachineQuery) -> MachineDocument:
+    """Convert the numbers of a machine: two equal gears, or unlike ones with the numbers of the second gear.
 
     Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """
+    return machine_document(found)
+
+
+def machine_document(found: Machine) -> MachineDocument:
+    """Return a machine as it is answered."""
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         quiet_limit = json_number(gear.quiet_limit * found.units.length)

@@ -1,12 +1,18 @@
 """The inelastic model over REST: what the library says with restitution, load and harmonics, and what is refused."""
 
+import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, IN_A_THREAD, assert_problem, front_end
+from typer.testing import CliRunner
 
 import rattle
+import rattle.plot
+from gear_rattle.service.cli import app
+from gear_rattle.workers import run_survey
 
 POINT = "delta=0.6&epsilon=0.25&beta=0.6"
 GEAR = "restitution=0.6&load=0.3&harmonic=3:0.12:0.3&harmonic=8:0.03:0.6"
@@ -17,6 +23,15 @@ HARMONICS = [(3, 0.12, 0.3), (8, 0.03, 0.6)]
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     with front_end(tmp_path_factory.mktemp("inelastic"), points=IN_A_THREAD) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("store") / "survey.zarr"
+    axes = {"delta": (0.5, 0.7, 2), "epsilon": (0.2, 0.3, 2)}
+    asked = {"initial_conditions": {"count": 4}, "quantities": ("attractors",)}
+    run_survey(model="inelastic", restitution=0.9, out=path, **axes, **asked).close()
+    return path
 
 
 def library() -> rattle.inelastic.InelasticGear:
@@ -120,7 +135,74 @@ def test_a_survey_keeps_its_harmonics(client: TestClient) -> None:
         ({"model": "inelastic", "restitution": 0.9, "harmonics": [[3, 0.1]]}, "harmonics"),
         ({"harmonics": [[3, 0.1, 0.0]]}, "takes no harmonics"),
         ({"model": "inelastic", "restitution": 0.9, "quantities": ["grazing"]}, "has no grazing"),
+        ({"model": "inelastic", "restitution": 0.9, "certify": True}, "leave certify out"),
     ],
 )
 def test_a_survey_that_cannot_be_is_refused(client: TestClient, fields: dict[str, object], words: str) -> None:
     assert_problem(client.post("/v1/surveys", json=BODY | fields), 422, words)
+
+
+LOSSY = {"delta": 0.5, "beta": 0.05, "restitution": 0.2}
+FEW = {"share": 0.8, "count": 32}
+
+
+@pytest.mark.parametrize(
+    ("of", "given"),
+    [
+        ("load", LOSSY | {"epsilon": 0.4}),
+        ("restitution", {"delta": 0.6, "epsilon": 0.1}),
+        ("harmonic_12", LOSSY | {"epsilon": 0.05}),
+    ],
+)
+def test_limits_are_those_of_the_library_and_of_the_command(
+    client: TestClient, of: str, given: dict[str, float]
+) -> None:
+    answer = client.get("/v1/limits", params=given | FEW | {"of": of})
+    assert answer.status_code == 200, answer.text
+    found = rattle.design_limit(given, of, FEW["share"], count=32)
+    known = {name: None if math.isnan(value) else value for name, value in found._asdict().items()}
+    assert answer.json()["limits"] == [{"at": None, **known}]
+    options = [word for name, value in (given | FEW).items() for word in (f"--{name}", f"{value}")]
+    done = CliRunner().invoke(app, ["limit", of, *options])
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith(f"{of} {'down' if of == 'load' else 'up'} to {found.value:.4g} [")
+
+
+def test_a_limit_of_something_else_is_refused_once(client: TestClient) -> None:
+    problem = assert_problem(client.get("/v1/limits?of=harmonic_0&delta=0.6&epsilon=0.1"), 422, "harmonic_12")
+    assert [each["field"] for each in problem["errors"]] == ["query.of"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            "certify --point 0.6 0.1 --restitution 0.9",
+            "A proof of periodic motions is known of the impacting",
+        ),
+        ("certify {store}", "A proof of periodic motions is known of the impacting"),
+        ("certify {store} --curves", "A proof of a bifurcation is known of the impacting"),
+        ("explain {store}", "An explanation of boundaries is known of the impacting"),
+        ("figure 5 --restitution 0.9", "No such option"),
+        ("diagram --delta 0.6 --epsilon 0.05:0.15 --restitution 0.9", "use the impacting or the stiff one"),
+        ("orbits 0.6 0.1 --harmonic 20:0.1:0", "give restitution"),
+        ("orbits 0.6 0.1 --load 0.5", "give restitution too"),
+        ("attractors 0.6 0.1 --restitution 0.9 --harmonic 20:0.1", "ORDER:AMPLITUDE:PHASE"),
+        ("run --out x.zarr --delta 0.5:0.7:3 --epsilon 0.1:0.2:2 --restitution 0.9 --certify", "leave certify out"),
+    ],
+)
+def test_a_command_that_cannot_be_is_refused_by_a_sentence(store: Path, words: str, said: str) -> None:
+    done = CliRunner().invoke(app, words.format(store=store).split(), env={"COLUMNS": "200"})
+    assert done.exit_code != 0
+    text = f"{done.output} {done.exception}"
+    assert said in text
+    assert isinstance(done.exception, SystemExit | rattle.RattleError), done.exception
+
+
+def test_what_proves_and_draws_says_so_itself() -> None:
+    gear = rattle.Gear(0.6, 0.1, restitution=0.9)
+    (orbit,) = (each for each in gear.orbits() if each.name == "C")
+    with pytest.raises(rattle.ParameterError, match="of the impacting or the stiff gear, got InelasticOrbit"):
+        rattle.certify(gear.orbit(orbit.tau, orbit.v, 1))  # type: ignore[arg-type]
+    with pytest.raises(rattle.ParameterError, match="no restitution, which the inelastic model adds: leave it out"):
+        rattle.plot.request(5, restitution=0.9)

@@ -26,9 +26,9 @@ def found(client: TestClient, route: str, **query: Any) -> Any:
     return answer.json()
 
 
-def test_the_description_says_that_the_gears_are_equal(client: TestClient) -> None:
+def test_the_description_says_when_the_gears_are_equal(client: TestClient) -> None:
     paths = client.get("/openapi.json").json()["paths"]
-    assert "two equal gears" in paths["/v1/machine"]["get"]["summary"]
+    assert "two gears" in paths["/v1/machine"]["get"]["summary"]
     for route in ("machine", "attractors", "intensity"):
         (inertia,) = (each for each in paths[f"/v1/{route}"]["get"]["parameters"] if each["name"] == "inertia")
         assert "of each of two equal gears" in inertia["description"]

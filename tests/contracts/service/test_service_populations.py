@@ -44,6 +44,9 @@ POPULATION: dict[str, Any] = {
     "tile": 80,
 }
 
+#: Some of its gears would gain energy at an impact.
+LOSES = {"distribution": "normal", "mean": 0.9, "deviation": 0.05, "low": 0.1}
+
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
@@ -156,6 +159,7 @@ def test_what_a_population_costs_is_measured(client: TestClient) -> None:
         ({"gear": POPULATION["gear"] | {"epsilon": 0.1, "beta": 0.6}}, "body", "nothing varies"),
         ({"gear": POPULATION["gear"] | {"radius": 0.05}}, "body", "say it twice"),
         ({"gear": POPULATION["gear"] | {"beta": {"distribution": "normal", "mean": 0.6}}}, "body.gear.beta", ""),
+        ({"gear": POPULATION["gear"] | {"restitution": LOSES}}, "body", "cut it off (high=1)"),
         ({"correlation": [[1.0, 0.5], [0.4, 1.0]]}, "body", "is symmetric"),
         ({"count": 100}, "body.count", "this service allows 64"),
         ({"gears": 2_000_000}, "body.gears", "this service allows 1000000"),

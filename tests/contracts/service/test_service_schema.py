@@ -256,9 +256,11 @@ def test_every_example_of_a_request_is_executed(http: httpx.Client, document: di
             assert values or not parameter["required"], (path, parameter["name"])
         where = path.format(**examples["path"] | {"survey_id": survey_id, "population_id": population_id})
         headers = {name: str(value) for name, value in examples["header"].items()}
-        content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
+        (kind, content), *_ = [*operation.get("requestBody", {}).get("content", {}).items(), ("", {})]
         for body in content["schema"]["examples"] if "examples" in content.get("schema", {}) else [None]:
-            answer = http.request(method, where, params=examples["query"], headers=headers, json=body)
+            sent: dict[str, Any] = {"content": body} if kind == "text/csv" else {"json": body}
+            headers |= {"Content-Type": kind} if kind == "text/csv" else {}
+            answer = http.request(method, where, params=examples["query"], headers=headers, **sent)
             assert answer.status_code < 400, (method, where, answer.text)
             assert str(answer.status_code) in operation["responses"]
             executed.add((method, path))
@@ -310,6 +312,9 @@ def test_every_example_of_an_answer_fits_its_schema_and_is_true(http: httpx.Clie
             assert accepted[name] == detail[name], name
     third = http.post("/v1/surveys?force=true", json=examples.THIRD_AXIS).json()
     assert (third["request"]["beta"], third["cells"]) == (examples.THIRD_AXIS["beta"], 4650)
+    lossy = http.post("/v1/surveys?force=true", json=examples.INELASTIC).json()
+    assert lossy["request"]["harmonics"] == examples.INELASTIC["harmonics"]
+    assert (lossy["request"]["restitution"], lossy["cells"]) == (examples.INELASTIC["restitution"], 84)
     for name, query, example in POINTS:
         answer = http.get(f"/v1/{name}", params=query).json()
         assert_close(first_of_each(answer), example)

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from service_support import IN_A_THREAD, front_end
+from service_support import IN_A_THREAD, assert_problem, front_end
 from typer.testing import CliRunner
 
 import rattle
 from gear_rattle.service.cli import app
+from gear_rattle.service.harmonics import written_harmonics
 from gear_rattle.workers import SurveyRequest
 
 PAIR: dict[str, Any] = {
@@ -58,10 +59,24 @@ def test_attractors_are_the_same_everywhere(client: TestClient) -> None:
     found = {(each["m"], each["n_plus"], each["n_minus"]): each["fraction"] for each in answer.json()["attractors"]}
     assert found == known
     line = said("attractors", *options(PAIR | AT), "--count", f"{SAMPLE}", "--verdict")
-    assert line.strip() == str(machine.verdict(SAMPLE))
+    known_verdict = machine.verdict(SAMPLE)
+    assert line.strip() == str(known_verdict)
+    answer = client.get("/v1/verdict", params=PAIR | AT | {"count": SAMPLE})
+    assert answer.status_code == 200, answer.text
+    verdict = answer.json()
+    assert {name: verdict[name] for name in known_verdict._fields} == known_verdict._asdict()
+    assert (verdict["text"], verdict["measured"]) == (line.strip(), None)
+    assert verdict["machine"] == client.get("/v1/machine", params=PAIR | AT).json()
 
 
-def test_a_measured_curve_is_read_by_commands(tmp_path: Path) -> None:
+def test_a_knock_that_does_not_exist_is_null(client: TestClient) -> None:
+    verdict = client.get("/v1/verdict", params=PAIR | AT | {"restitution": 0.7, "count": SAMPLE}).json()
+    assert (verdict["kind"], verdict["share"], verdict["knock"]) == ("quiet", 0.0, None)
+    assert verdict["hardest"] > 0
+    assert verdict["text"].startswith("quiet: no knock up to")
+
+
+def test_a_measured_curve_gives_the_same_numbers_everywhere(client: TestClient, tmp_path: Path) -> None:
     turn = np.arange(240) / 240
     error = 15 * np.cos(2 * np.pi * turn) + 0.06 * np.cos(2 * np.pi * 20 * turn)
     curve = tmp_path / "curve.csv"
@@ -76,9 +91,44 @@ def test_a_measured_curve_is_read_by_commands(tmp_path: Path) -> None:
     assert printed[-1] == str(machine.verdict(64))
     parts = {order: size for order, size, _ in known.harmonics}
     assert (parts[1], parts[20]) == (pytest.approx(15e-6, rel=1e-12), pytest.approx(0.06e-6, rel=1e-9))
+    query = numbers | {"orders": 20, "count": 64}
+    answer = client.post(
+        "/v1/verdict", params=query, content=curve.read_text(), headers={"Content-Type": "text/csv; charset=utf-8"}
+    )
+    assert answer.status_code == 200, answer.text
+    verdict = answer.json()
+    assert verdict["text"] == printed[-1]
+    assert [tuple(each) for each in verdict["measured"]["harmonics"]] == list(known.harmonics)
+    assert (verdict["measured"]["left_out"], verdict["measured"]["points"]) == (known.left_out, 240)
+    point = {name: verdict["machine"][name] for name in ("delta", "epsilon", "beta", "restitution")}
+    harmonics = written_harmonics(map(tuple, verdict["machine"]["harmonics"]))
+    further = client.get("/v1/attractors", params=point | {"harmonic": harmonics, "count": 8, "v_max": "natural"})
+    assert further.status_code == 200, further.text
+    rattling = [(each["kind"], each["fraction"]) for each in further.json()["attractors"]]
+    assert rattling == [(each.kind, each.fraction) for each in machine.attractors(8)]
     done = CliRunner().invoke(app, [*words, "--eccentricity", "1e-6"])
     assert done.exit_code != 0
     assert "leave out" in done.output
+
+
+@pytest.mark.parametrize(
+    ("table", "query", "words"),
+    [
+        ("", {}, "body"),
+        ("angle,error\n0,1\n", {}, "the column angle of the body does not say its unit"),
+        ("speed,error_um\n0,1\n", {}, "the body must have one column of angle_deg"),
+        ("angle_deg,error_um\n0,one\n", {}, "line 2 of the body"),
+        ("angle_deg,error_um\n0,1\n180,2\n", {}, "no curve"),
+        ("angle_deg,error_um\n0,1\n", {"backlash": 50}, "metres"),
+        ("angle_deg,error_um\n0,1\n", {"eccentricity": 1e-6}, "query.eccentricity: there is no such parameter"),
+        ("angle_deg,error_um\n0,1\n", {"orders": 0}, "query.orders"),
+        ("angle_deg,error_um\n0,1\n" * 10_000, {}, "too large"),
+    ],
+)
+def test_a_curve_that_is_none_is_refused(client: TestClient, table: str, query: dict[str, Any], words: str) -> None:
+    given = PAIR | {"rpm": 1500, "restitution": 0.9} | query
+    answer = client.post("/v1/verdict", params=given, content=table, headers={"Content-Type": "text/csv"})
+    assert_problem(answer, 413 if words == "too large" else 422, words)
 
 
 def test_a_survey_of_it_has_the_same_points() -> None:

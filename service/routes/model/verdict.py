@@ -1,0 +1,144 @@
+"""The answer of a machine in one line: whether it rattles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Body, Depends, Query
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from gear_rattle.service.operations.points import json_number
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.machine import (
+    LINE,
+    MachineDocument,
+    MachineQuery,
+    MeasuredMachineQuery,
+    machine_document,
+)
+from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
+from rattle import Machine, RattleError, TransmissionError, read_transmission_error
+from rattle.models import model_at
+from rattle.parameters import HIGHEST_ORDER
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+CSV = "text/csv"
+ORDERS = 40
+EXAMPLE = "angle_deg,error_um\n" + "".join(f"{4 * i},{15 * math.cos(math.radians(4 * i)):.2f}\n" for i in range(90))
+
+
+class MeasuredDocument(BaseModel):
+    """A measured transmission error by order."""
+
+    harmonics: list[tuple[int, float, float]] = Field(description="order of the revolution, amplitude in m, phase")
+    left_out: float = Field(description="m, root mean square of what these orders leave out")
+    peak_to_peak: float = Field(description="m, of the measured curve")
+    points: int
+    revolutions: int
+
+
+class VerdictDocument(BaseModel):
+    """Verdict of a machine."""
+
+    kind: Literal["quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles"]
+    share: float = Field(description="share of the starts that end in rattling")
+    low: float = Field(description="of its 95 % interval; undecided starts count as either")
+    high: float
+    knock: float | None = Field(
+        description=f"least speed of a knock that makes resting teeth rattle, m/s, {LINE}; null: none up to `hardest`"
+    )
+    hardest: float | None = Field(description="m/s, the hardest knock that was tried")
+    text: str = Field(description="the same in one line")
+    machine: MachineDocument
+    measured: MeasuredDocument | None = Field(description="the measured transmission error; null without one")
+
+
+@router.get(
+    "/verdict",
+    summary="Whether a machine in SI units rattles, in one answer",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
+async def verdict(
+    front: FrontState, machine: MachineQuery, count: SampleCount = 256, seed: SampleSeed = 0
+) -> VerdictDocument:
+    """Answer for a machine: quiet, quiet unless knocked, rattles from a share of starts, or always rattles."""
+    return await _answer(front, machine, None, count, seed)
+
+
+@router.post(
+    "/verdict",
+    summary="Whether a machine with a measured transmission error rattles",
+    responses=declared(413, 422),
+)
+async def verdict_of_measured(
+    front: FrontState,
+    machine: MeasuredMachineQuery,
+    curve: Annotated[
+        str,
+        Body(
+            media_type=CSV,
+            description="A table with a header, over whole revolutions of the first gear: a column angle_deg, "
+            "angle_rad or angle_rev, and one error_um, error_mm or error_m.",
+            examples=[EXAMPLE],
+        ),
+    ],
+    orders: Annotated[int, Query(ge=1, le=HIGHEST_ORDER, description="highest order of the curve")] = ORDERS,
+    count: SampleCount = 256,
+    seed: SampleSeed = 0,
+) -> VerdictDocument:
+    """Answer for a machine whose transmission error is a table of text, which has its eccentricity.
+
+    `machine` in the answer has the model's numbers, restitution and harmonics, with which all other routes answer.
+    """
+    measured = await run_in_threadpool(_read, curve, orders)
+    return await _answer(front, replace(machine, errors=measured.harmonics), measured, count, seed)
+
+
+def _read(text: str, orders: int) -> TransmissionError:
+    """Return a curve of a table's text. Raises RattleError, without the name of the file that the text is read from."""
+    with TemporaryDirectory() as directory:
+        table = Path(directory, "curve.csv")
+        table.write_text(text, encoding="utf-8")
+        try:
+            return read_transmission_error(table, orders)
+        except RattleError as error:
+            raise type(error)(f"{error}".replace(f"{table}", "the body")) from None
+
+
+async def _answer(
+    front: Front, machine: Machine, measured: TransmissionError | None, count: int, seed: int
+) -> VerdictDocument:
+    require_few(front, count)
+    found = await in_turn(
+        front,
+        machine.verdict,
+        count,
+        seed,
+        model=model_at(machine.gear).name,
+        what="The verdict",
+        advice="Ask for fewer starts (count).",
+    )
+    return VerdictDocument(
+        **found._asdict() | {"knock": json_number(found.knock), "hardest": json_number(found.hardest)},
+        text=str(found),
+        machine=machine_document(machine),
+        measured=None
+        if measured is None
+        else MeasuredDocument(
+            harmonics=list(measured.harmonics),
+            left_out=measured.left_out,
+            peak_to_peak=measured.peak_to_peak,
+            points=measured.points,
+            revolutions=measured.revolutions,
+        ),
+    )
