@@ -83,5 +83,9 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
         for name, (low, high) in spans.items()
     ]
     numbers = machine.model_dump()
-    constant = [[NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}"] for name in PAIR]
+    constant = [
+        [NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
+        for name in PAIR
+        if name in numbers
+    ]
     return [*facts, *constant, ["drive", machine.drive]]

@@ -95,7 +95,7 @@ class PointView(param.Parameterized):
     def _say_where(self) -> None:
         """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
         self.panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
-            f"<p>{escape(words.in_si_words(self._machine))}</p>" if self._machine else ""
+            f"<p>{escape(words.in_si_words(self._machine, self._gear))}</p>" if self._machine else ""
         )
 
     def _say_what_is_computed(self) -> None:

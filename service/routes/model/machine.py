@@ -1,4 +1,4 @@
-"""A machine, two equal gears in SI units: which parameter point it is, and what one unit of the model is there."""
+"""A machine, two gears in SI units: which parameter point it is, and what one unit of the model is there."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ else:
 
 
 class MachineDocument(_Numbers):
-    """A machine, two equal gears, as a parameter point, and back."""
+    """A machine, two gears, as a parameter point, and back."""
 
     units: UnitsDocument
     harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
@@ -177,12 +177,12 @@ class MachineDocument(_Numbers):
 
 @router.get(
     "/machine",
-    summary="A machine, two equal gears, in SI units as a parameter point, and back",
+    summary="A machine, two gears in SI units, as a parameter point, and back",
     dependencies=[Depends(function_of_query)],
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Convert the numbers of a machine; both gears have this inertia, drag and radius.
+    """Convert the numbers of a machine; the second gear is like the first where its own numbers are not given.
 
     Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """

@@ -28,7 +28,7 @@ def found(client: TestClient, route: str, **query: Any) -> Any:
 
 def test_the_description_says_that_the_gears_are_equal(client: TestClient) -> None:
     paths = client.get("/openapi.json").json()["paths"]
-    assert "two equal gears" in paths["/v1/machine"]["get"]["summary"]
+    assert "two gears in SI units" in paths["/v1/machine"]["get"]["summary"]
     for route in ("machine", "attractors", "intensity"):
         (inertia,) = (each for each in paths[f"/v1/{route}"]["get"]["parameters"] if each["name"] == "inertia")
         assert "of each of two equal gears" in inertia["description"]
