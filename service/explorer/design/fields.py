@@ -61,15 +61,15 @@ NUMBERS = {
     "mesh_error_2": NumberEntry("Mesh error, order 2", "µm", 1e6, None),
     "mesh_error_3": NumberEntry("Mesh error, order 3", "µm", 1e6, None),
     "teeth": NumberEntry("Teeth", "", 1.0, None, is_count=True),
-    "driven_teeth": NumberEntry("Second gear: teeth", "", 1.0, None, is_count=True),
-    "driven_inertia": NumberEntry("Second gear: inertia", "kg m²", 1.0, None),
-    "driven_drag": NumberEntry("Second gear: drag", "N m s/rad", 1.0, None),
-    "driven_radius": NumberEntry("Second gear: base radius", "mm", 1e3, None),
-    "driven_eccentricity": NumberEntry("Second gear: eccentricity", "µm", 1e6, None),
+    "driven_teeth": NumberEntry("Teeth 2", "", 1.0, None, is_count=True),
+    "driven_inertia": NumberEntry("Inertia 2", "kg m²", 1.0, None),
+    "driven_drag": NumberEntry("Drag 2", "N m s/rad", 1.0, None),
+    "driven_radius": NumberEntry("Base radius 2", "mm", 1e3, None),
+    "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None),
 }
 ABOUT = (
-    "<p class=faint>Inertia, drag and base radius are those of the first gear, and of the second one where its own "
-    "fields are empty.</p>"
+    "<p class=faint>Inertia, drag and base radius are those of the first gear. Fields with a 2 are of the second gear, "
+    "which is like the first where they are empty.</p>"
 )
 BOTH = ("inertia", "drag", "backlash", "radius")  # of every machine
 SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")

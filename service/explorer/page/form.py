@@ -79,7 +79,7 @@ class Form:
         )  # fmt: skip
         self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
         self.v_max = pn.widgets.TextInput(label="Highest speed", placeholder="7, or natural", **number)
-        self.budget = pn.widgets.IntInput(label="Max. impacts per sample", value=BUDGET, start=1, step=BUDGET, **number)
+        self.budget = pn.widgets.IntInput(label="Max. impacts", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
             label="Submit", color="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
@@ -103,7 +103,8 @@ class Form:
             self.in_si,
             self._plain,
             self.machine.panel,
-            pn.Row(self.model, *self.added.values(), sizing_mode="stretch_width"),
+            self.model,
+            pn.Row(*self.added.values(), sizing_mode="stretch_width"),
             self.harmonics,
             pn.Row(self.count, self.v_max, sizing_mode="stretch_width"),
             self.sample.panel,

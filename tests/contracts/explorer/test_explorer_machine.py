@@ -148,7 +148,7 @@ def test_fields_of_a_machine_give_what_the_library_takes() -> None:
     entered = {each.label: each for each in fields.widgets}
     for label, value in {
         "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,
-        "Second gear: teeth": 40, "Second gear: inertia, kg m²": 0.01, "Second gear: drag, N m s/rad": 6e-4,
+        "Teeth 2": 40, "Inertia 2, kg m²": 0.01, "Drag 2, N m s/rad": 6e-4,
     }.items():  # fmt: skip
         entered[label].value = value
     given = fields.given()

@@ -26,7 +26,7 @@ def found(client: TestClient, route: str, **query: Any) -> Any:
     return answer.json()
 
 
-def test_the_description_says_that_the_gears_are_equal(client: TestClient) -> None:
+def test_the_description_says_which_gears_are_meant(client: TestClient) -> None:
     paths = client.get("/openapi.json").json()["paths"]
     assert "two gears in SI units" in paths["/v1/machine"]["get"]["summary"]
     for route in ("machine", "attractors", "intensity"):
