@@ -1,5 +1,7 @@
 """A slice of a survey with a third axis, chosen by a slider in a browser."""
 
+from urllib.parse import urljoin
+
 import httpx
 import numpy as np
 import xarray as xr
@@ -43,6 +45,6 @@ def test_a_slider_chooses_the_slice(page: Page, service: str) -> None:
     link = page.get_by_role("link", name="PNG").get_attribute("href")
     assert link is not None
     assert f"{survey_id}/map.png?variable=region&slice=2&" in link
-    picture = httpx.get(service + link, timeout=HANG)
+    picture = httpx.get(urljoin(page.url, link), timeout=HANG)
     assert picture.headers["content-type"] == "image/png"
     httpx.delete(service + here, timeout=HANG)

@@ -32,6 +32,7 @@ APART = 40.0  # distance in CIELAB from every colour before, as far as there is 
 MOST_CELLS = 24_000_000
 BAND = 1 << 22  # numbers of all slots that are read at a time
 NOT_JOINED = "The families of this survey are not joined yet: they are there when all of its tiles are computed."
+CONTACTS = "attractor_contacts"
 LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and B attract nothing
 
 
@@ -108,10 +109,22 @@ def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[
     found = []
     for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
         motion = (label[0], label[1], label[2])
-        name = legend_name(motion) if kind == PERIODIC else {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
+        if kind == PERIODIC:
+            name = legend_name(motion, _contacts_of(survey, table, number))
+        else:
+            name = {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
         letter = f" = {letters[motion]}" if kind == PERIODIC and motion in letters else ""
         found.append(f"{number}: {name}{letter}" if number else name)
     return found
+
+
+def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
+    """Return the contact phases of a family in the cell where its share is largest; 0 if no model of it has any."""
+    if CONTACTS not in survey:
+        return 0
+    at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
+    here = survey[[FAMILY, CONTACTS]].sel(at, method="nearest")
+    return int(np.asarray(here[CONTACTS])[np.asarray(here[FAMILY]) == number].max(initial=0))
 
 
 def colours_of(table: xr.Dataset) -> list[str]:

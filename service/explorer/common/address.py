@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
+from gear_rattle.service.harmonics import read_harmonics, written_harmonics
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
-from rattle.models import ADDED, Model, model_of
+from rattle.models import ADDED, Model, model_of, with_harmonics
+from rattle.parameters import Harmonic
 from rattle.populations import MOST_SHARE
 
 Pair = tuple[float, float]
@@ -24,7 +26,8 @@ UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # what is seen of (δ, ε) without an
 THEMES = ("light", "dark")
 MOST_PINS = 8
 UNNAMED = next(iter(ADDED))  # what stands without its name in an address
-LONGEST = 800  # characters of a value: of pins, 100 each
+HARMONIC = "harmonic:"  # begins a harmonic of a pin
+LONGEST = 16_000  # characters of a value: of pins, 2000 each
 POINT_STATE = "p."
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
@@ -43,31 +46,57 @@ class Entered(NamedTuple):
     rpm: float
     drive: str = "torque"
     stiffness: float | None = None
+    restitution: float | None = None
+    load_torque: float | None = None
+    mesh_error: float | None = None
+    mesh_error_2: float | None = None
+    mesh_error_3: float | None = None
+    teeth: float | None = None
+    driven_teeth: float | None = None
+    driven_inertia: float | None = None
+    driven_drag: float | None = None
+    driven_radius: float | None = None
+    driven_eccentricity: float | None = None
 
     @property
     def machine(self) -> Machine:
         """The machine. Raises ParameterError."""
         return Machine(**self._asdict())
 
+    @property
+    def written(self) -> str:
+        """Text in an address: the numbers of older addresses in their order, all others with their names."""
+        plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
+        more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
+        return ",".join([*plain, *more])
+
+
+NUMBERED = Entered._fields.index("restitution")  # fields that an address has without their names
+
 
 class Pin(NamedTuple):
-    """A point that is kept to be compared with others; added: what its model has beside δ, ε and β, with names."""
+    """A point that is kept to be compared with others.
+
+    added: numbers that its model has beside δ, ε and β, with names. harmonics: of its forcing, beside the first.
+    """
 
     delta: float
     epsilon: float
     beta: float
     added: tuple[tuple[str, float], ...] = ()
+    harmonics: tuple[Harmonic, ...] = ()
 
     @property
     def model(self) -> Model:
         """The model of its gear. Raises ParameterError."""
-        return model_of(self.beta, **dict(self.added))
+        return with_harmonics(model_of(self.beta, **dict(self.added)), self.harmonics)
 
     @property
     def written(self) -> str:
         """Text in an address: the first model's added parameter without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
-        return ",".join([*map(repr, self[:3]), *more])
+        harmonics = [HARMONIC + each for each in written_harmonics(self.harmonics)]
+        return ",".join([*map(repr, self[:3]), *more, *harmonics])
 
     @property
     def label(self) -> str:
@@ -77,7 +106,8 @@ class Pin(NamedTuple):
 
 def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
     """Return a point of a model as a pin."""
-    return Pin(delta, epsilon, model.beta, tuple((each.name, model.numbers[each.name]) for each in model.added))
+    added = tuple((each.name, model.numbers[each.name]) for each in model.added)
+    return Pin(delta, epsilon, model.beta, added, model.at(delta, epsilon).harmonics)
 
 
 def numbered(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
@@ -162,7 +192,8 @@ class View:
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
         """Return the view that a query describes; what cannot be read is left at its default."""
-        text = {name: values[0].decode("utf-8", "replace")[:LONGEST] for name, values in query.items() if values}
+        firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
+        text = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
 
         def read(name: str, reader: Callable[[str], T], default: T) -> T:
             try:
@@ -211,7 +242,7 @@ class View:
         for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
             pairs[name] = _written(pair) if pair else ""
         if self.point and self.machine:
-            pairs["machine"] = ",".join("" if each is None else str(each) for each in self.machine)
+            pairs["machine"] = self.machine.written
         pairs["share"] = repr(self.share) if self.share != USUAL_SHARE else ""
         pairs |= {name: each.written for name, each in zip(FURTHER, self.further, strict=False)}
         pairs["profile"] = self.profile.written if self.profile else ""
@@ -274,10 +305,15 @@ def _point(text: str) -> Pair:
 
 
 def _machine(text: str) -> Entered:
-    *numbers, drive, stiffness = text.split(",")
+    parts = text.split(",")
+    *numbers, drive, stiffness = parts[:NUMBERED]
     inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
-    found = Entered(inertia, drag, backlash, eccentricity, radius, rpm, drive, float(stiffness) if stiffness else None)
-    found.machine  # noqa: B018 - raises ParameterError, which is a ValueError
+    more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[NUMBERED:])}
+    if not more.keys() <= set(Entered._fields[NUMBERED:]):
+        raise ValueError(text)
+    rigid = float(stiffness) if stiffness else None
+    found = Entered(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
+    found.machine.gear  # noqa: B018 - raises ParameterError, which is a ValueError
     return found
 
 
@@ -285,10 +321,12 @@ def _pins(text: str) -> tuple[Pin, ...]:
     found = []
     for each in text.split(";")[:MOST_PINS]:
         delta, epsilon, beta, *more = each.split(",")
-        added = dict(_added(one) for one in more)
-        if len(added) < len(more):
+        plain = [one for one in more if not one.startswith(HARMONIC)]
+        added = dict(_added(one) for one in plain)
+        if len(added) < len(plain):
             raise ValueError(text)
-        pin = Pin(*_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()))
+        harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
+        pin = Pin(*_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
         pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
         found.append(pin)
     return tuple(dict.fromkeys(found))

@@ -12,6 +12,7 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
 from rattle.machine import DRIVES
+from rattle.models import Model
 
 DIGITS = 12  # of a number that was converted and back
 EXACT = "0[.][0000000000000000]"
@@ -20,18 +21,20 @@ EXACT = "0[.][0000000000000000]"
 class NumberEntry(NamedTuple):
     """How a number of a machine is entered.
 
-    What it is, its unit, how many of it the SI unit is, what is there at first.
+    Its name, its unit, how many of it the SI unit is, the first value of its field (None: it may be left out), and
+    whether it is a number of things.
     """
 
     name: str
     unit: str
     per: float
     first: float | None
+    is_count: bool = False
 
     @property
     def label(self) -> str:
         """Name and unit."""
-        return f"{self.name}, {self.unit}"
+        return f"{self.name}, {self.unit}" if self.unit else self.name
 
     def entered(self, value: float) -> float:
         """Return a number of the library in this unit."""
@@ -39,7 +42,9 @@ class NumberEntry(NamedTuple):
 
     def meant(self, value: float | None) -> float | None:
         """Return an entered value in the library's form: division rounds to 100e-6 for 100 µm."""
-        return None if value is None else value / self.per
+        if value is None:
+            return None
+        return int(value) if self.is_count and float(value).is_integer() else value / self.per
 
 
 NUMBERS = {
@@ -50,10 +55,29 @@ NUMBERS = {
     "rpm": NumberEntry("Speed", "rpm", 1.0, 3000.0),
     "eccentricity": NumberEntry("Eccentricity", "µm", 1e6, 15.0),
     "stiffness": NumberEntry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
+    "restitution": NumberEntry("Restitution (none: elastic)", "", 1.0, None),
+    "load_torque": NumberEntry("Load torque", "N m", 1.0, None),
+    "mesh_error": NumberEntry("Mesh error", "µm", 1e6, None),
+    "mesh_error_2": NumberEntry("Mesh error, order 2", "µm", 1e6, None),
+    "mesh_error_3": NumberEntry("Mesh error, order 3", "µm", 1e6, None),
+    "teeth": NumberEntry("Teeth", "", 1.0, None, is_count=True),
+    "driven_teeth": NumberEntry("Teeth 2", "", 1.0, None, is_count=True),
+    "driven_inertia": NumberEntry("Inertia 2", "kg m²", 1.0, None),
+    "driven_drag": NumberEntry("Drag 2", "N m s/rad", 1.0, None),
+    "driven_radius": NumberEntry("Base radius 2", "mm", 1e3, None),
+    "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None),
 }
-EQUAL = "<p class=faint>Two equal gears: each of them has this inertia, drag and base radius.</p>"
-PAIR = ("inertia", "drag", "backlash", "radius")  # of every machine of a survey
-POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
+ABOUT = (
+    "<p class=faint>Inertia, drag and base radius are those of the first gear. Fields with a 2 are of the second gear, "
+    "which is like the first where they are empty.</p>"
+)
+BOTH = ("inertia", "drag", "backlash", "radius")  # of every machine
+SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
+PAIR = (*BOTH, *SECOND)  # of a machine of a survey
+ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
+POINT = (
+    *BOTH, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND, "driven_eccentricity"
+)  # fmt: skip
 
 
 def in_unit(name: str, value: float) -> str:
@@ -77,12 +101,16 @@ def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, 
     }
 
 
-def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) -> Machine | None:
-    """Return the machine of a survey at a point; None without one, or where nothing turns so fast."""
+def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsilon: float) -> Machine | None:
+    """Return the machine of a survey of this model at a point; None without one, or where nothing turns so fast."""
     if machine is None:
         return None
+    eccentricity = float(machine.eccentricity(epsilon))
+    shape = model.at(delta, epsilon).harmonics
+    errors = tuple((order, size * eccentricity, phase) for order, size, phase in shape)
     try:
-        return machine.at(float(machine.rpm(delta)), float(machine.eccentricity(epsilon)))
+        found = machine.at(float(machine.rpm(delta)), eccentricity)
+        return replace(found, restitution=model.numbers.get("restitution"), errors=errors)
     except RattleError:
         return None
 
@@ -118,15 +146,15 @@ class MachineFields:
         each = [*self._numbers.values(), self._drive]
         self.widgets: list[Any] = each
         rows = (pn.Row(*each[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(each), 2))
-        about = pn.pane.HTML(EQUAL, stylesheets=[sheet], margin=(0, 4))
+        about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
         self.panel = pn.Column(about, *rows, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
         """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are omitted."""
         numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
-        return {name: value for name, value in numbers.items() if name != "stiffness" or value is not None} | {
-            "drive": self._drive.value
-        }
+        needed = {name for name in numbers if NUMBERS[name].first is not None}
+        given = {name: value for name, value in numbers.items() if name in needed or value is not None}
+        return given | {"drive": self._drive.value}
 
     def show(self, machine: Mapping[str, Any]) -> None:
         """Enter these numbers in SI units."""

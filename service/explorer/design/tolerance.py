@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,12 +12,15 @@ from numpy.typing import NDArray
 
 import rattle
 from rattle import Estimate, Machine, Normal
+from rattle.errors import require
 from rattle.models import AnyGear, model_at
+from rattle.parameters import Harmonic
 
 HELD = 0.95  # of the gears are inside of the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
 SIDES = 96
 COUNT, JUDGED = 8, 256
+NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")  # of a machine: `rattle.population` has other names
 LEAST = 0.1  # of the mean: the speed and the damping of a gear are cut off there
 
 
@@ -53,15 +58,22 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
 def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
     """Return the numbers of the gears as `rattle.population` takes them. Raises ParameterError."""
     if machine is None:
-        others: dict[str, Any] = {**model_at(gear).numbers}
+        others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
     else:
         pair = {"rpm": machine.rpm, "eccentricity": machine.eccentricity}
-        names = ("inertia", "drag", "backlash", "radius", "stiffness", "drive")
-        others = {name: getattr(machine, name) for name in names}
+        names = (each.name for each in fields(machine) if each.name not in NOT_GIVEN)
+        others = {name: getattr(machine, name) for name in names} | _amplitudes("error", machine.errors)
     for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
         pair[name] = _varying(pair[name], width, low)
     return {**others, **pair}
+
+
+def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
+    """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError: a phase is not 0."""
+    for order, _, phase in harmonics:
+        require(phase == 0.0, f"tolerances are known of harmonics with phase 0, not of order {order} at {phase:g}")
+    return {f"{name}_{order}": size for order, size, _ in harmonics}
 
 
 def _varying(mean: float, width: float, low: float) -> Any:

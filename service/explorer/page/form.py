@@ -17,6 +17,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import RefineFields, SampleFields
+from gear_rattle.service.harmonics import EXAMPLE, SHAPE, read_harmonics, written_harmonics
 from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.operations.surveys import submit_survey
@@ -28,6 +29,7 @@ from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle import RattleError
 from rattle.attractors import BUDGET, read_speed
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
+from rattle.parameters import Harmonic
 
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated
 CELLS = 61  # along each axis of a window that is to be saved
@@ -51,13 +53,17 @@ class Form:
         self.added = {
             name: pn.widgets.FloatInput(
                 label=f"{each.label.capitalize()} {each.symbol}",
-                value=each.example,
+                value=each.example if each.default is None else each.default,
                 start=each.least,
                 visible=False,
                 **number,
             )
             for name, each in ADDED.items()
         }
+        self.harmonics = pn.widgets.TextInput(
+            label=f"Harmonics, {SHAPE}", placeholder=f"none; several with spaces, such as {EXAMPLE}", visible=False,
+            **number,
+        )  # fmt: skip
         exact: dict[str, Any] = number | {"step": 0.05, "format": "0[.][0000000000000000]"}
         self.axes = {
             name: (
@@ -73,7 +79,7 @@ class Form:
         )  # fmt: skip
         self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
         self.v_max = pn.widgets.TextInput(label="Highest speed", placeholder="7, or natural", **number)
-        self.budget = pn.widgets.IntInput(label="Max. impacts per sample", value=BUDGET, start=1, step=BUDGET, **number)
+        self.budget = pn.widgets.IntInput(label="Max. impacts", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
             label="Submit", color="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
@@ -81,14 +87,14 @@ class Form:
         self.cost = pn.pane.HTML(
             "", css_classes=["cost"], margin=(4, 4), sizing_mode="stretch_width", stylesheets=[sheet]
         )
-        self.model.param.watch(in_event_loop(lambda _event: self._on_model()), "value")
+        for widget in (self.model, self.harmonics):
+            widget.param.watch(in_event_loop(lambda _event: self._on_model()), "value")
         self.in_si.param.watch(in_event_loop(lambda _event: self._on_way()), "value")
         for widget in self._widgets():
             widget.param.watch(in_event_loop(lambda _event: self._changed()), "value")
         on_press(self.submit, lambda: viewer.start(self._submit()))
         self._plain = pn.Column(
             *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
-            pn.Row(self.model, *self.added.values(), sizing_mode="stretch_width"),
             self.beta,
             sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
@@ -97,6 +103,9 @@ class Form:
             self.in_si,
             self._plain,
             self.machine.panel,
+            self.model,
+            pn.Row(*self.added.values(), sizing_mode="stretch_width"),
+            self.harmonics,
             pn.Row(self.count, self.v_max, sizing_mode="stretch_width"),
             self.sample.panel,
             pn.Row(self.budget, self.seed, sizing_mode="stretch_width"),
@@ -112,7 +121,7 @@ class Form:
 
     def _widgets(self) -> list[Any]:
         return [
-            self.name, self.model, *self.added.values(), self.beta,
+            self.name, self.model, *self.added.values(), self.harmonics, self.beta,
             *(widget for three in self.axes.values() for widget in three),
             self.quantities, self.count, self.v_max, self.budget, self.seed, self.in_si, *self.machine.widgets,
             *self.sample.widgets, *self.refine.widgets,
@@ -121,11 +130,11 @@ class Form:
     def fill(self, request: SurveyRequest) -> None:
         """Take over the settings of a survey."""
         self.name.value = request.name
+        self.in_si.value = request.machine is not None
         self.fill_model(request.gear_model)
         for name, (start, stop, num) in self.axes.items():
             axis = getattr(request, name)
             start.value, stop.value, num.value = axis.start, axis.stop, axis.num
-        self.in_si.value = request.machine is not None
         if request.machine is not None:
             self.machine.fill(request, request.machine)
         self.fill_sample(request)
@@ -135,11 +144,12 @@ class Form:
         self.beta.value, self.model.value = model.beta, model.name
         for each in model.added:
             self.added[each.name].value = model.numbers[each.name]
+        self.harmonics.value = " ".join(written_harmonics(model.at(1.0, 0.0).harmonics))
 
     def fill_window(self, delta: Pair, epsilon: Pair, model: Model, machine: SurveyedMachine | None = None) -> None:
         """Take over a window of the plane, of a machine where the survey is of one."""
-        self.fill_model(model)
         self.in_si.value = machine is not None
+        self.fill_model(model)
         if machine is not None:
             self.machine.fill_window(delta, epsilon, machine)
             self.machine.fill_counts(CELLS)
@@ -161,6 +171,7 @@ class Form:
         return {
             "name": self.name.value,
             **(self.machine.fields() if self.in_si.value else self._plain_fields()),
+            **self._model_fields(),
             "quantities": self.quantities.value,
             "initial_conditions": {
                 "count": self.count.value,
@@ -174,27 +185,50 @@ class Form:
         }
 
     def _plain_fields(self) -> dict[str, Any]:
-        """Return the axes and the model in the model's own numbers."""
+        """Return the axes and the backlash in the model's own numbers."""
         axes = {
             name: {"start": start.value, "stop": stop.value, "num": num.value}
             for name, (start, stop, num) in self.axes.items()
         }
-        own = {each.name for each in MODELS[self.model.value].added}
+        return {"beta": self.beta.value, **axes}
+
+    def _model_fields(self) -> dict[str, Any]:
+        """Return the model with its numbers and harmonics. Raises ParameterError on harmonics that are none."""
+        own = self._own
         added = {name: widget.value if name in own else None for name, widget in self.added.items()}
-        return {"model": self.model.value, **added, "beta": self.beta.value, **axes}
+        return {"model": self.model.value, **added, "harmonics": self._written_harmonics()}
+
+    def _written_harmonics(self) -> tuple[Harmonic, ...]:
+        takes = MODELS[self.model.value].takes_harmonics
+        return read_harmonics(self._harmonic_texts) if takes else ()
+
+    @property
+    def _harmonic_texts(self) -> list[str]:
+        return (self.harmonics.value or "").split()
+
+    @property
+    def _own(self) -> set[str]:
+        """Numbers of the model; without those that a machine has at each speed another one of."""
+        added = MODELS[self.model.value].added
+        return {each.name for each in added if not (self.in_si.value and each.machine_number)}
 
     def _on_way(self) -> None:
         """Ask for the numbers of a machine, or for the model's."""
-        self._plain.visible, self.machine.panel.visible = not self.in_si.value, self.in_si.value
+        in_si = bool(self.in_si.value)
+        self._plain.visible, self.machine.panel.visible = not in_si, in_si
+        options = {each.title: name for name, each in MODELS.items() if not (in_si and is_stiff(each))}
+        value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
+        self.model.param.update(options=options, value=value)
         self._on_model()
 
     def _on_model(self) -> None:
         """Offer what the model has."""
-        offered = [str(group) for group in groups_of(DEFAULT_MODEL if self.in_si.value else self.model.value)]
+        has_harmonics = MODELS[self.model.value].takes_harmonics and bool(self._harmonic_texts)
+        offered = [str(group) for group in groups_of(self.model.value, has_harmonics)]
         left = [name for name in self.quantities.value if name in offered]
-        own = {each.name for each in MODELS[self.model.value].added}
+        self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
-            widget.visible = name in own
+            widget.visible = name in self._own
         self.quantities.param.update(options=offered, value=left)
 
     def _changed(self) -> None:
@@ -239,6 +273,11 @@ class Form:
             self.submit.disabled = wrong or not self._viewer.may_submit()
 
         self._viewer.change(write)
+
+
+def is_stiff(model: type[Model]) -> bool:
+    """Return whether a model needs a number that a machine has at each speed another one of, as a stiffness is."""
+    return any(each.machine_number and each.default is None for each in model.added)
 
 
 def what_is_wrong(error: Exception) -> str:

@@ -8,6 +8,7 @@ from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from gear_rattle.service.explorer.map.picture import AsSeen, picture_query, thirds
+from gear_rattle.service.harmonics import written_harmonics
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
@@ -52,6 +53,7 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
         ["ε", _values(epsilon)],
         ["β", _values(request["beta"])],
         *([each.symbol, _values(request[name])] for name, each in ADDED.items() if request.get(name)),
+        *([["harmonics", " ".join(written_harmonics(request["harmonics"]))]] if request.get("harmonics") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]
@@ -83,5 +85,9 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
         for name, (low, high) in spans.items()
     ]
     numbers = machine.model_dump()
-    constant = [[NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}"] for name in PAIR]
+    constant = [
+        [NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
+        for name in PAIR
+        if name in numbers
+    ]
     return [*facts, *constant, ["drive", machine.drive]]

@@ -11,24 +11,28 @@ from typing import NamedTuple
 import rattle
 from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
-from gear_rattle.service.explorer.point.words import number, percent
+from gear_rattle.service.explorer.point.words import harmonics_in_words, number, percent
+from gear_rattle.service.harmonics import written_harmonics
 from rattle.models import ADDED, model_at
 from rattle.orbits import region_in_words
 from rattle.plot import legend_name
 
 HEADER = (
-    "delta", "epsilon", "beta", *ADDED, "region", "quiet_limit", "starts", "attractor", "kind", "letter",
-    "m", "n_plus", "n_minus", "fraction", "fraction_low", "fraction_high", "lyapunov_1", "lyapunov_1_error",
-    "lyapunov_2", "tau", "v",
+    "delta", "epsilon", "beta", *ADDED, "harmonics", "region", "quiet_limit", "starts", "attractor", "kind", "letter",
+    "m", "n_plus", "n_minus", "contacts", "fraction", "fraction_low", "fraction_high", "lyapunov_1",
+    "lyapunov_1_error", "lyapunov_2", "tau", "v",
 )  # fmt: skip
 COMPUTED = "computing …"
 RATTLING = ("periodic", "chaotic")
 
 
 class PinResults(NamedTuple):
-    """Results of a pinned point: the number of its region, its quiet limit, its attractors."""
+    """Results of a pinned point: the number of its region, its quiet limit, its attractors.
 
-    region: int
+    The region is None with harmonics: regions are those of one cosine.
+    """
+
+    region: int | None
     quiet_limit: float
     chances: Chances
 
@@ -37,6 +41,8 @@ def results_of_point(pin: Pin, count: int) -> PinResults:
     """Compute the results of a point from so many initial conditions: for a process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = chances(gear, count)
+    if gear.parameters.harmonics:
+        return PinResults(None, gear.quiet_limit, found)
     if not model_at(gear).in_closed_form:
         found = lettered(found, gear.orbits())
     return PinResults(gear.region(), gear.quiet_limit, found)
@@ -62,13 +68,20 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[
         if any(value is not None for value in values):
             head = f"{parameter.label.capitalize()} {parameter.symbol}"
             lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
+    if any(each.harmonics for each in pins):
+        lines.append(["Forcing", *(harmonics_in_words(each.harmonics) if each.harmonics else "–" for each in pins)])
     of_pins = [told.get(each, COMPUTED) for each in pins]
-    lines.append(["Region", *(each if isinstance(each, str) else region_in_words(each.region) for each in of_pins)])
+    lines.append(["Region", *(each if isinstance(each, str) else _region(each) or "–" for each in of_pins)])
     all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
     lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
     names = dict.fromkeys(name for each in all_known if each for name, _ in _motions(each))
     return lines + [[name, *(_cell(each, name) for each in all_known)] for name in names]
+
+
+def _region(known: PinResults) -> str:
+    """Return the region in words, nothing where there is none."""
+    return "" if known.region is None else region_in_words(known.region)
 
 
 def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
@@ -113,12 +126,12 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
         if not isinstance(found := told.get(pin), PinResults):
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
-        here = *pin[:3], *added, region_in_words(found.region), found.quiet_limit
+        here = *pin[:3], *added, " ".join(written_harmonics(pin.harmonics)), _region(found), found.quiet_limit
         for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
             writer.writerow(
                 (
                     *here, found.chances.starts, legend_name(each), each.kind, letter,
-                    each.m, each.n_plus, each.n_minus, each.fraction, *each.fraction_interval,
+                    each.m, each.n_plus, each.n_minus, each.contacts, each.fraction, *each.fraction_interval,
                     each.lyapunov[0], each.lyapunov_error, each.lyapunov[1], each.tau, each.v,
                 )
             )  # fmt: skip

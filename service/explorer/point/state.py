@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_o
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
-from rattle.models import AnyGear, Model, model_of
+from rattle.models import AnyGear, Model, model_at
 
 MOST_ATTRACTORS = 1000
 
@@ -138,9 +138,9 @@ def stands_for(
 ) -> tuple[Machine | None, Model]:
     """Return the machine and the model of a point, of a survey with these, or of a machine that was entered."""
     if entered is None:
-        return machine_at(machine, *point), model
+        return machine_at(machine, model, *point), model
     found = entered.machine
-    return found, model_of(found.beta, **found.added)
+    return found, model_at(found.gear)
 
 
 def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:

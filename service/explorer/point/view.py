@@ -26,6 +26,7 @@ from rattle.plot import Palette
 COUNT = 1024  # initial conditions of the probabilities
 RESOLUTIONS = (300, 600)  # cells a side of the basins, at first and in the end
 PAINT_SECONDS = 0.05  # for a browser to put words on the screen before it lays out pictures
+OF_ONE_COSINE = "The motions A to D and their regions are known of a forcing of one cosine only."
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
@@ -95,7 +96,7 @@ class PointView(param.Parameterized):
     def _say_where(self) -> None:
         """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
         self.panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
-            f"<p>{escape(words.in_si_words(self._machine))}</p>" if self._machine else ""
+            f"<p>{escape(words.in_si_words(self._machine, self._gear))}</p>" if self._machine else ""
         )
 
     def _say_what_is_computed(self) -> None:
@@ -129,7 +130,9 @@ class PointView(param.Parameterized):
             await part(panel.safe, self._margin)
         else:
             await self._work.tell(panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
-        if not self._model.in_closed_form:
+        if self._gear.parameters.harmonics:
+            await self._work.tell(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
+        elif not self._model.in_closed_form:
             await part(panel.orbits, self._continued)
         await part(panel.about_lines, self._some_lines)
         await part(panel.under_basins, partial(self._some_basins, RESOLUTIONS[0], "refined"))

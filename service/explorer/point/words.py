@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
 from urllib.parse import urlencode
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design.fields import ERRORS
 from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOneOrbits
+from gear_rattle.service.harmonics import written_harmonics
 from rattle import Machine
 from rattle.models import AnyGear, model_at
 from rattle.orbits import region_in_words
+from rattle.parameters import Harmonic
 from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
 ENOUGH = 5e-4  # a share below it is not said to be 0
+MOST_HARMONICS = 6  # that a sentence lists
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -63,7 +67,9 @@ def motion(attractor: rattle.Attractor, letter: str = "") -> str:
     impacts = attractor.n_plus + attractor.n_minus
     each = "every period" if attractor.m == 1 else f"every {attractor.m} periods"
     named = f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
-    return f"{impacts} impact{'s' if impacts > 1 else ''} {each}, {named}"
+    phases = attractor.contacts
+    held = f" and {phases} contact phase{'s' * (phases > 1)}" if phases else ""
+    return f"{impacts} impact{'s' * (impacts > 1)}{held} {each}, {named}"
 
 
 def where(gear: AnyGear) -> str:
@@ -73,6 +79,8 @@ def where(gear: AnyGear) -> str:
     model = model_at(gear)
     for each in model.added:
         backlash += f", {each.in_words} = {number(model.numbers[each.name], 6)}"
+    if harmonics := gear.parameters.harmonics:
+        backlash += f", {harmonics_in_words(harmonics)}"
     backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
@@ -87,15 +95,26 @@ def where(gear: AnyGear) -> str:
     return f"{at}{backlash}{quiet}"
 
 
-def in_si_words(machine: Machine) -> str:
+def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:
+    """Return harmonics beside the first: order, amplitude over that of the first, phase in turns of each."""
+    few = [f"{order}: {number(size)} at {number(phase)}" for order, size, phase in harmonics[:MOST_HARMONICS]]
+    more = len(harmonics) - len(few)
+    return f"harmonic{'s' * (len(harmonics) > 1)} {'; '.join(few)}{f'; and {more} more' if more else ''}"
+
+
+def in_si_words(machine: Machine, gear: AnyGear) -> str:
     """Return a point as a machine, and what the model's units are there."""
     units = machine.units
-    quiet = machine.gear.quiet_limit * units.length
-    stiff = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
+    quiet = gear.quiet_limit * units.length
+    more = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
+    more += "" if machine.load_torque is None else f", a load of {number(machine.load_torque)} N m"
+    errors = [number(1e6 * size) for size in (getattr(machine, name) for name in ERRORS) if size]
+    more += f", mesh errors of {', '.join(errors)} µm" if errors else ""
+    alike = ", if all errors grow alike" if gear.parameters.harmonics else ""
     return (
         f"A machine at {number(machine.rpm, 6)} rpm with an eccentricity of {number(1e6 * machine.eccentricity)} µm"
-        f"{stiff}: quiet running is possible up to {number(1e6 * quiet)} µm. A speed of 1 is {number(units.velocity)} "
-        f"m/s along the line of action, an energy v²/2 of 1 is {number(units.energy)} J."
+        f"{more}: quiet running is possible up to {number(1e6 * quiet)} µm{alike}. A speed of 1 is "
+        f"{number(units.velocity)} m/s along the line of action, an energy v²/2 of 1 is {number(units.energy)} J."
     )
 
 
@@ -180,7 +199,9 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
     """Return the link to this point as a notebook, with the diagram that is shown."""
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
-    query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])
+    harmonics = [("harmonic", each) for each in written_harmonics(gear.parameters.harmonics)]
+    asked = (*at.items(), *along.items(), *harmonics)
+    query = urlencode([(name, value) for name, value in asked if value is not None])
     link = f'<a href="v1/notebook?{escape(query)}" download>A notebook</a>'
     return f'<p class="faint">{link} computes what is shown here.</p>'
 

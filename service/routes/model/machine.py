@@ -198,7 +198,7 @@ class MachineDocument(_Numbers):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: MachineQuery) -> MachineDocument:
-    """Convert the numbers of a machine: two equal gears, or unlike ones with the numbers of the second gear.
+    """Convert the numbers of a machine; the second gear is like the first where its own numbers are not given.
 
     Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
     """

@@ -19,6 +19,7 @@ from gear_rattle.service.explorer.page.rows import machine_facts
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.refined.asked import Refine
+from rattle import ParameterError
 from rattle.models import Impacting
 
 MACHINE: dict[str, Any] = {
@@ -36,6 +37,16 @@ STIFF = SurveyRequest.model_validate(
     {name: value for name, value in BODY.items() if name != "tile"}
     | {"model": "stiff", "kappa": 2e4, "quantities": ["region", "orbits"]}
 )
+MESH: dict[str, Any] = {
+    "model": "inelastic", "restitution": 0.9, "harmonics": [(20, 1 / 300, 0.25), (40, 0.001, 0.0)],
+    "quantities": ["attractors"],
+}  # fmt: skip
+HARMONIC = SurveyRequest.model_validate(
+    {name: value for name, value in BODY.items() if name != "tile"} | MESH | {"load": 0.5}
+)
+HARMONIC_IN_SI = SurveyRequest.model_validate(
+    {"machine": MACHINE | {"teeth": 20, "driven_teeth": 40, "driven_inertia": 0.02, "driven_drag": 0.06}} | MESH
+)
 REFINED = ASKED.model_copy(update={"refine": Refine(audit=0.07)})
 
 
@@ -50,12 +61,37 @@ def with_form(data: Path, body: Callable[[Form], None]) -> None:
     asyncio.run(main())
 
 
-@pytest.mark.parametrize("request_", [IN_SI, ASKED, REFINED, STIFF], ids=["machine", "sample", "refined", "stiff"])
+@pytest.mark.parametrize(
+    "request_",
+    [IN_SI, ASKED, REFINED, STIFF, HARMONIC, HARMONIC_IN_SI],
+    ids=["machine", "sample", "refined", "stiff", "harmonics", "harmonics of a machine"],
+)
 def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, tmp_path: Path) -> None:
     def body(form: Form) -> None:
         form.fill(request_)
         assert SurveyRequest.model_validate(form.fields()) == request_  # to the bit: the same survey
         assert form.machine.panel.visible == (request_.machine is not None)
+
+    with_form(tmp_path, body)
+
+
+def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> None:
+    def body(form: Form) -> None:
+        assert not form.harmonics.visible
+        form.model.value = "inelastic"
+        assert form.harmonics.visible
+        assert SurveyRequest.model_validate(form.fields()).load == 0.0
+        form.harmonics.value = " 20:0.0033:0  40:1e-3:0.25 "
+        found = SurveyRequest.model_validate(form.fields())
+        assert found.harmonics == ((20, 0.0033, 0.0), (40, 1e-3, 0.25))
+        assert set(found.quantities) == {"attractors", "lyapunov"}  # those of one cosine are not offered
+        form.harmonics.value = "20:0.0033"
+        with pytest.raises(ParameterError, match="is not ORDER:AMPLITUDE:PHASE: write three numbers, such as"):
+            form.fields()
+        form.model.value = "impacting"
+        assert SurveyRequest.model_validate(form.fields()).harmonics == ()
+        form.in_si.value = True
+        assert "stiff" not in form.model.options.values()
 
     with_form(tmp_path, body)
 

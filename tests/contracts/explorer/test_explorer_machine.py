@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
 import numpy as np
 import panel as pn
@@ -12,13 +13,15 @@ from test_explorer_view import accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
-from gear_rattle.service.explorer.common.address import Entered
+from gear_rattle.service.explorer.common.address import Entered, View
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
+from gear_rattle.service.explorer.design.tolerance import Tolerance, given_of, tolerance_outline
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.point.state import stands_for
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
+from rattle.models import Impacting, model_at
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -138,6 +141,54 @@ def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
     assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY).gear_model, ((0.4, 1.0), (0.0, 0.3)))
 
 
-def test_the_fields_of_a_machine_say_that_the_gears_are_equal() -> None:
-    said = [pane.object for pane in MachineFields(POINT, "").panel.select(pn.pane.HTML)]
-    assert any("Two equal gears" in text for text in said)
+def test_fields_of_a_machine_give_what_the_library_takes() -> None:
+    fields = MachineFields(POINT, "")
+    said = [pane.object for pane in fields.panel.select(pn.pane.HTML)]
+    assert any("those of the first gear" in text for text in said)
+    entered = {each.label: each for each in fields.widgets}
+    for label, value in {
+        "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,
+        "Teeth 2": 40, "Inertia 2, kg m²": 0.01, "Drag 2, N m s/rad": 6e-4,
+    }.items():  # fmt: skip
+        entered[label].value = value
+    given = fields.given()
+    expected: dict[str, Any] = {"restitution": 0.9, "load_torque": 0.2, "mesh_error": 0.08e-6, "teeth": 20}
+    expected |= {"driven_teeth": 40, "driven_inertia": 0.01, "driven_drag": 6e-4}
+    assert given == {**NUMBERS, **given} | {"drive": "torque"} | expected
+    assert not {"stiffness", "mesh_error_2", "driven_radius"} & given.keys()
+    assert Entered(**given).machine == rattle.Machine(**given)
+
+
+def test_an_address_keeps_a_machine_of_two_gears() -> None:
+    given = Entered(
+        0.003, 5e-4, 100e-6, 15e-6, 0.05, 3000.0, restitution=0.9, load_torque=0.2, mesh_error=1e-7, teeth=20,
+        driven_teeth=41, driven_inertia=0.003, driven_drag=5e-4,
+    )  # fmt: skip
+    query = View(point=(0.6, 0.1), machine=given).query()
+    address = {name: [each.encode() for each in values] for name, values in parse_qs(query[1:]).items()}
+    assert View.parse(address).machine == given
+    machine, model = stands_for((given.machine.delta, given.machine.epsilon), given, None, Impacting())
+    assert machine == given.machine
+    assert model == model_at(given.machine.gear)
+    old = "0.003,0.0005,0.0001,1.5e-05,0.05,3000.0,torque,"
+    assert View.parse({"point": [b"0.6,0.1"], "machine": [old.encode()]}).machine == given._replace(
+        **dict.fromkeys(Entered._fields[8:])
+    )
+    for more in ("wear:1", "restitution:2", "restitution:", "teeth:1.5"):
+        assert View.parse({"point": [b"0.6,0.1"], "machine": [f"{old},{more}".encode()]}).machine is None
+
+
+def test_a_machine_s_survey_with_mesh_errors_asks_its_points_with_them() -> None:
+    asked: dict[str, Any] = {"model": "inelastic", "restitution": 0.9, "harmonics": [(20, 0.0033, 0.0)]}
+    asked["quantities"] = ["attractors"]
+    request = SurveyRequest.model_validate(MACHINE.model_dump(exclude_unset=True) | asked)
+    point = request.delta.start, request.epsilon.stop
+    machine, model = stands_for(point, None, request.machine, request.gear_model)
+    assert machine is not None
+    assert model == request.gear_model
+    assert machine.harmonics == ((20, pytest.approx(0.0033), 0.0),)
+    assert machine.added == {"restitution": 0.9, "load": 0.0}
+    found = given_of(model.gear(*point), machine, Tolerance(10.0, 1e-6, 0.9))
+    assert found["restitution"] == 0.9
+    assert found["error_20"] == machine.errors[0][1]
+    assert rattle.population(found, gears=2, count=2).gears.verdict.size == 2

@@ -18,7 +18,7 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View
+from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pin_of
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.view import MapView
@@ -31,6 +31,7 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
 
 HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, (("kappa", 1e4),))
+MESH = Pin(0.6, 0.25, 0.6, (("restitution", 0.9), ("load", 0.0)), ((20, 0.0033, 0.25),))
 COUNT = 64
 
 
@@ -51,6 +52,33 @@ def test_an_address_keeps_the_pins_to_the_bit() -> None:
     )
     assert parsed(View(pins=many)).pins == many[:MOST_PINS]
     assert View().query() == ""
+
+
+def test_an_address_keeps_the_harmonics_of_a_pin() -> None:
+    assert MESH.model.gear(0.6, 0.25).parameters.harmonics == MESH.harmonics
+    assert pin_of(0.6, 0.25, MESH.model) == MESH
+    shape = tuple((order, 0.01 / 3 / order, order / 7 % 1) for order in range(2, 30))
+    pins = (MESH, *(MESH._replace(delta=0.1 * each, harmonics=shape) for each in range(1, MOST_PINS)))
+    assert parsed(View(pins=pins)).pins == pins
+
+
+@pytest.mark.parametrize("more", ["0.9,harmonic:1", "restitution:0.9,harmonic:1:0.1:0:0", "harmonic:20:0.1:0"])
+def test_harmonics_that_cannot_be_read_are_no_pin(more: str) -> None:
+    assert View.parse({"pins": [f"0.6,0.1,0.6,{more}".encode()]}).pins == ()
+
+
+def test_a_pin_with_harmonics_and_contact_is_told_with_both() -> None:
+    found = {MESH: results_of_point(MESH, 16)}
+    gear = rattle.Gear(0.6, 0.25, restitution=0.9, harmonics=MESH.harmonics)
+    lines = {name: cells for name, *cells in lines_of((MESH, HERE), found)}
+    assert lines["Forcing"] == ["harmonic 20: 0.0033 at 0.25", "–"]
+    assert lines["Region"] == ["–", COMPUTED]
+    attractors = gear.attractors(16)
+    assert any(each.contacts for each in attractors)
+    assert {each.name for each in attractors} <= lines.keys()
+    rows = list(csv.DictReader(io.StringIO(csv_of((MESH,), found))))
+    assert [(row["attractor"], int(row["contacts"])) for row in rows] == [(x.name, x.contacts) for x in attractors]
+    assert {(row["harmonics"], row["region"]) for row in rows} == {("20:0.0033:0.25", "")}
 
 
 @pytest.mark.parametrize(

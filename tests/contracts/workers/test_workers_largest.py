@@ -43,6 +43,18 @@ THIRD = SurveyRequest.model_validate(
 )
 
 
+CONTACT = SurveyRequest.model_validate(
+    REQUEST.model_dump(exclude={"initial_conditions", "tile"})
+    | {
+        "model": "inelastic",
+        "restitution": 0.9,
+        "delta": {"start": 0.58, "stop": 0.62, "num": 3},
+        "epsilon": {"start": 0.24, "stop": 0.26, "num": 3},
+        "initial_conditions": {"count": 16},
+    }
+)
+
+
 def tiles_only(request: SurveyRequest, path: Path) -> Path:
     create_store(request, path)
     run_tiles_here(request, path, tiles_of(request), lambda _: None, lambda: False)
@@ -142,3 +154,17 @@ def test_a_picture_has_the_map(stored: Path) -> None:
     )
     assert b"rattling" in whole
     assert whole != window
+
+
+def test_families_with_contact_phases_are_named_as_their_attractors_are(tmp_path: Path) -> None:
+    path = tiles_only(CONTACT, tmp_path / "contact.zarr")
+    complete(CONTACT, path)
+    with open_survey(path) as survey, open_survey(path, "families") as table:
+        names = [each.rpartition(": ")[2] for each in names_of(survey, table)]
+        for number, name in enumerate(names):
+            of = (survey.attractor_family == number).values
+            contacts = np.unique(survey.attractor_contacts.values[of])
+            if table.kind[number] == 2:
+                label = ",".join(str(int(table[each][number])) for each in ("m", "n_plus", "n_minus"))
+                assert name in {f"P({label}{f';{each}' if each else ''})" for each in contacts}
+        assert any(";" in name for name in names)
