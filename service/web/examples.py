@@ -188,7 +188,6 @@ ATTRACTORS: dict[str, Any] = {
         {
             "kind": "quiet",
             "m": 0,
-            "contacts": 0,
             "n_plus": 0,
             "n_minus": 0,
             "contacts": 0,

@@ -53,7 +53,7 @@ def test_a_click_shows_the_point(page: Page, service: str) -> None:
     open_view(page, service, theme="light")
     click_cell(page, 0.6, 0.1)
     beside(page, "Damping δ = ")
-    beside(page, "the gear comes to run quietly with probability 7")
+    beside(page, "the gear runs quietly in 7")
     beside(page, "The margin of quiet running is an impact of speed")
     beside(page, f"{CELLS} × {CELLS} cells")
     beside(page, "periodic motions")

@@ -30,7 +30,7 @@ from rattle.populations import MOST_SHARE
 
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
-    LIMIT: "design limit: up to there, and at every smaller eccentricity, a gear set going at any phase and natural "
+    LIMIT: "design limit: up to there, and at every smaller eccentricity, a gear started at any phase and natural "
     "speed runs quietly often enough; its 95 % interval is shaded",
     POINTS: "codimension-two points, where curves meet",
 }

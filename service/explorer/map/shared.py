@@ -45,10 +45,11 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
     return request.in_closed_form and found.group in CLOSED_FORM
 
 
-def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
+def usual_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the map of a survey that is shown unless another one is chosen.
 
-    Its quiet fraction; without that the first map that it has, and while it is computed one that fills in.
+    Of a survey that waits for its turn its first map, if that is a closed form; else its quiet fraction, or the first
+    map that fills in as it is computed.
 
     Returns
     -------
@@ -56,10 +57,10 @@ def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
         Name of the variable.
     """
     maps = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
-    if USUAL in maps:
-        return USUAL
-    filling = (name for name in maps if not in_closed_form(request, name))
-    return next(filling, maps[0]) if is_computed else maps[0]
+    if is_waiting and in_closed_form(request, maps[0]):
+        return maps[0]
+    filling = [name for name in maps if not in_closed_form(request, name)]
+    return USUAL if USUAL in maps else next(iter(filling), maps[0])
 
 
 class WithoutSurvey(Protocol):

@@ -189,7 +189,7 @@ class MapView:
         self._cut(request, self.view.slice)
         self.map.in_si(request.machine)
         stays = self._has_chosen_variable and self.view.variable in maps
-        variable = self.view.variable if stays else usual_variable(request, self._is_computed)
+        variable = self.view.variable if stays else usual_variable(request, self._is_waiting)
         self._maps = maps
         self._controls.offer_variables(maps, variable)
         self._change(variable=variable)
@@ -314,6 +314,11 @@ class MapView:
     def _is_computed(self) -> bool:
         """True if the survey that is shown is being computed."""
         return self._job is not None and self._job.state == State.RUNNING
+
+    @property
+    def _is_waiting(self) -> bool:
+        """True if the survey that is shown waits for its turn."""
+        return self._job is not None and self._job.state == State.ACCEPTED
 
     def show_usual_variable(self) -> None:
         """Let the next survey decide which map is shown, whatever was chosen before."""

@@ -127,10 +127,10 @@ def how_likely(gear: AnyGear, found: Chances) -> str:
     sentences = []
     if quiet:
         low, high = (percent(x) for x in quiet.fraction_interval)
-        likely = f"Set going at random, the gear comes to run quietly with probability {percent(quiet.fraction)}"
+        likely = f"From a random start the gear runs quietly in {percent(quiet.fraction)} of cases"
         sentences.append(f"{likely} (95 % interval {low} to {high}, from {found.starts} starts).")
     elif gear.epsilon >= gear.quiet_limit:
-        sentences.append("However it is set going, the gear never comes to rest against the teeth: it rattles.")
+        sentences.append("From every start the gear rattles: it never comes to rest against the teeth.")
     else:
         sentences.append(f"None of {found.starts} random starts came to run quietly: the probability is below {below}.")
     if rattling:

@@ -12,11 +12,13 @@ import rattle
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, places
 from gear_rattle.service.explorer.map.cursor import History
 from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, sampled
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.diagram import diagram_table
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front
+from rattle.attractors import CHAOTIC, QUIET
 from rattle.crisis import boundary_crisis
 from rattle.plot.paper_ranges import FIGURE_5, FIGURE_8, FIGURE_9
 
@@ -60,6 +62,27 @@ def test_windows_are_gone_back_to_and_forward_again() -> None:
     assert history.back(two) == one
     history.leave(one)
     assert history.forward(two) == two  # another way was taken
+
+
+def test_the_example_is_what_its_survey_finds() -> None:
+    """At random cells, with other starts: within four standard errors of both samples."""
+    assert EXAMPLE.stat().st_size <= 300_000  # it comes with the wheel
+    example = sampled()
+    rng = np.random.default_rng(61)
+    chosen = [(rng.integers(example.sizes["epsilon"]), rng.integers(example.sizes["delta"])) for _ in range(24)]
+    seen = [example.isel(epsilon=i, delta=j) for i, j in chosen]
+    delta, epsilon = (np.array([float(each[name]) for each in seen]) for name in ("delta", "epsilon"))
+    count = 512
+    table = rattle.attractors_of(delta, epsilon, count=count, v_max=7.0, seed=5)
+    for number, each in enumerate(seen):
+        own = table.cell == number
+        for name, kind in (("quiet_fraction", QUIET), ("chaotic_fraction", CHAOTIC)):
+            share = float(table.fraction[own & (table.kind == kind)].sum())
+            error = np.sqrt(share * (1 - share) * (1 / count + 1 / 64)) + 1 / 64
+            assert abs(float(each[name]) - share) <= 4 * error, (float(each.delta), float(each.epsilon), name)
+    assert {0.0, 1.0} <= {float(each["quiet_fraction"]) for each in seen}  # on both sides of the quiet limit
+    assert list(example.delta) == pytest.approx(REQUEST.delta.values())
+    assert list(example.epsilon) == pytest.approx(REQUEST.epsilon.values())
 
 
 def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ from rattle.stiff import StiffGear
     [
         (0.6, 0.03, ["probability 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
         (0.6, 0.1, ["probability 7", "Otherwise it rattles: chaotic", "every period, P(1,1,0) = C"], ["speed 2.5"]),
-        (0.6, 0.2, ["never comes to rest", "It rattles"], ["margin is 0"]),
+        (0.6, 0.2, ["From every start the gear rattles", "It rattles"], ["margin is 0"]),
         (0.6, 0.1899, ["quiet"], ["cannot be told"]),
     ],
 )  # fmt: skip
