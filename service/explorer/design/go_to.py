@@ -33,18 +33,18 @@ class GoTo:
         self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
         options = {"choose one …": ""} | places()
         self._named = pn.widgets.Select(
-            label="Named places", options=options, value="", stylesheets=[sheet], sizing_mode="stretch_width",
-            margin=(0, 0, 6, 0),
-        )  # fmt: skip
+            label="Named places", options=options, value="", stylesheets=[sheet], width=220, margin=(0, 8, 6, 0)
+        )
         self._watch = Watch()
         self._watch.on(self._named, self._go)
         self._said = Text("", sheet)
         self._open = pn.widgets.Button(
-            label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 0, 6, 0)
+            label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0)
         )
         on_press(self._open, self._toggle)
         self._fields: pn.Column | None = None
-        self.panel = pn.Column(self._named, self._open, self._said.pane, sizing_mode="stretch_width", margin=0)
+        self.row = pn.FlexBox(self._named, self._open, align_items="flex-end", sizing_mode="stretch_width", margin=0)
+        self.panel = pn.Column(self.row, self._said.pane, sizing_mode="stretch_width", margin=0)
 
     def _go(self) -> None:
         if place := self._named.value:
@@ -57,7 +57,7 @@ class GoTo:
     def _toggle(self) -> None:
         if self._fields is None:
             self._fields = self._made()
-            self.panel.insert(2, self._fields)
+            self.panel.insert(1, self._fields)
         else:
             self._fields.visible = not self._fields.visible
         self._open.label = "Close" if self._fields.visible else "Go to a point"

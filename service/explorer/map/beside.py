@@ -50,8 +50,9 @@ class Beside:
         self._reading: asyncio.Task[None] | None = None
         self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED])
+        go_to.row.append(self._close)
         self.panel = pn.Column(
-            go_to.panel, self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0,
+            go_to.panel, self._point, self._text.pane, sizing_mode="stretch_width", margin=0,
             stylesheets=[PRINTED],
         )  # fmt: skip
 

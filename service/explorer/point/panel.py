@@ -59,11 +59,12 @@ class PointPanel:
             )
             for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
         )
-        words = (self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits)
+        answer = (self.where, self.likely, self.safe)
+        numbers = (self.table, self.loud, self.orbits, self.take)
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         self.column = pn.Column(
-            *(each.pane for each in words), self._tolerance, self._basins, self._motion,
-            self._above.panel, self._diagram,
+            *(each.pane for each in answer), self._basins, *(each.pane for each in numbers), self._tolerance,
+            self._motion, self._above.panel, self._diagram,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
 

@@ -110,8 +110,8 @@ def test_a_machine_that_is_entered_is_looked_at_with_its_own_model(tmp_path: Pat
 def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
     async def body(_front: Front, shown: MapView) -> None:
         go = shown._beside.panel[0]
-        go[1].clicks += 1
-        (select, plain, machine, show), said = go[2], go[3]
+        go[0][1].clicks += 1
+        (select, plain, machine, show), said = go[1], go[2]
         select.value = True
         assert machine.visible
         assert not plain.visible

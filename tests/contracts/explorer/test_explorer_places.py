@@ -77,7 +77,7 @@ def test_the_example_is_what_its_survey_finds() -> None:
     for number, each in enumerate(seen):
         own = table.cell == number
         for name, kind in (("quiet_fraction", QUIET), ("chaotic_fraction", CHAOTIC)):
-            share = float(table.fraction[own & (table.kind == kind)].sum())
+            share = float(table.samples[own & (table.kind == kind)].sum() / count)
             error = np.sqrt(share * (1 - share) * (1 / count + 1 / 64)) + 1 / 64
             assert abs(float(each[name]) - share) <= 4 * error, (float(each.delta), float(each.epsilon), name)
     assert {0.0, 1.0} <= {float(each["quiet_fraction"]) for each in seen}  # on both sides of the quiet limit

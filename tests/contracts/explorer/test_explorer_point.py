@@ -44,8 +44,8 @@ from rattle.stiff import StiffGear
 @pytest.mark.parametrize(
     ("delta", "epsilon", "likely", "safe"),
     [
-        (0.6, 0.03, ["probability 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
-        (0.6, 0.1, ["probability 7", "Otherwise it rattles: chaotic", "every period, P(1,1,0) = C"], ["speed 2.5"]),
+        (0.6, 0.03, ["quietly in 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
+        (0.6, 0.1, ["quietly in 7", "Otherwise it rattles: chaotic", "every period, P(1,1,0) = C"], ["speed 2.5"]),
         (0.6, 0.2, ["From every start the gear rattles", "It rattles"], ["margin is 0"]),
         (0.6, 0.1899, ["quiet"], ["cannot be told"]),
     ],
@@ -331,7 +331,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         processes = set.union(*computed.values())
         assert os.getpid() not in processes  # the loop runs on
         assert len(processes) <= front.settings.max_points  # which stay warm
-        assert "probability 7" in view.panel.likely.html
+        assert "quietly in 7" in view.panel.likely.html
         assert "<caption>Attractors from 1024 starts</caption>" in view.panel.table.html
         assert "chaotic" in view.panel.under_motion.html  # the first that is not quiet
         assert view.state == {}
@@ -375,7 +375,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         assert "too long" in view.panel.safe.html
         assert "<b>" not in view.panel.safe.html
         assert 'role="alert"' in view.panel.safe.html
-        assert "probability 7" in view.panel.likely.html
+        assert "quietly in 7" in view.panel.likely.html
         view.stop()
 
     with_front(tmp_path, body)

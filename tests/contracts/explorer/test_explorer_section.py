@@ -102,7 +102,8 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
     async def body(front: Front, shown: MapView) -> None:
         job = done(front, ATTRACTORS)
         shown.choose(job)
-        await eventually(lambda: shown._plane is not None)
+        shown._controls._variable.value = "region"
+        await eventually(lambda: shown._plane is not None and shown._plane.plane.name == "region")
         page = Page(shown)
         section = page.section
         panel, fields = section.above.panel, (section._delta, section._epsilon)
