@@ -154,12 +154,14 @@ def damping(pair: Reduced) -> Any:
 
 def over_radius(length: Any, pair: Reduced) -> Any:
     """Return ε of an amplitude of the transmission error, along the line of action."""
-    return pair.scale * length / pair.radius
+    with np.errstate(over="ignore"):  # infinite, which a gear refuses
+        return pair.scale * length / pair.radius
 
 
 def half_backlash(backlash: Any, pair: Reduced) -> Any:
     """Return β."""
-    return pair.scale * backlash / (2.0 * pair.radius)
+    with np.errstate(over="ignore"):
+        return pair.scale * backlash / (2.0 * pair.radius)
 
 
 def units(pair: Reduced) -> Units:

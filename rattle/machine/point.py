@@ -75,7 +75,7 @@ def machine_point(
     drive = given.get("drive", "torque")
     inertia, drag, radius = (given[name] for name in DRIVEN)
     pair = conversion.reduced(inertia, drag, radius, speed, drive, **driven, base=forcing.base)
-    for number in (pair.inertia, pair.scale, pair.drag * pair.speed):
+    for number in (pair.inertia, pair.drag, pair.scale, pair.speed):
         require(
             bool(np.all(np.isfinite(number) & (np.asarray(number) > 0.0))),
             "the numbers of the two gears are too far apart to be computed with: check inertias, drags and base radii",

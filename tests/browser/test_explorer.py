@@ -140,7 +140,7 @@ def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) ->
 
 
 def test_what_is_pointed_at_is_read_and_zooming_shows_more_than_the_survey_has(page: Page, service: str) -> None:
-    open_view(page, service)
+    open_view(page, service, variable="region")
     beside = page.locator(".beside")
     for delta, epsilon in either(((0.6, 0.1), (0.9, 0.05)), ((0.6, 0.1), (0.5, 0.06), (0.9, 0.05), (0.8, 0.25))):
         point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
@@ -168,7 +168,7 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
     (point,) = (each for each in codimension_two(0.6) if each.name == "COD22")
     delta, epsilon = ((value - 5e-10, value + 5e-10) for value in (point.delta, point.epsilon))
     window = {"delta": f"{delta[0]!r},{delta[1]!r}", "epsilon": f"{epsilon[0]!r},{epsilon[1]!r}"}
-    open_view(page, service, survey=survey_id, **window)
+    open_view(page, service, survey=survey_id, variable="region", **window)
     # at first there is one cell of the survey, enlarged
     finer = f"each.name === 'fine0' && each.data_source.data.image[0]?.shape[0] > {ENLARGED}"
     wait_for_map(page, f"renderers.some((each) => {finer})")

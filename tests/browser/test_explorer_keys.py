@@ -13,7 +13,7 @@ COLUMN = "renderers.find((each) => each.glyph.marker?.value === 'circle' && each
 
 
 def test_the_map_is_used_with_the_keyboard(page: Page, service: str) -> None:
-    open_view(page, service)
+    open_view(page, service, variable="region")
     plot = page.get_by_role("application", name="map over damping")
     plot.focus()
     expect(plot).to_have_attribute("data-keys", "heard")

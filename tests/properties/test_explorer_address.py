@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+import rattle
 from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, Entered, View
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.workers.pictures.look import USUAL_SHARE
@@ -14,6 +15,16 @@ from gear_rattle.workers.pictures.look import USUAL_SHARE
 numbers = st.floats(-1e3, 1e3)
 windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])
 words = st.from_regex(r"[a-z][a-z_0-9]{0,20}", fullmatch=True)
+
+
+def is_machine(entered: Entered) -> bool:
+    """Whether these numbers make a machine; an address forgets what does not."""
+    try:
+        return entered.machine.gear is not None
+    except rattle.RattleError:
+        return False
+
+
 machines = st.builds(
     Entered,
     inertia=st.floats(1e-4, 1e-2),
@@ -24,7 +35,18 @@ machines = st.builds(
     rpm=st.floats(1.0, 1e4),
     drive=st.sampled_from(("torque", "speed")),
     stiffness=st.none() | st.floats(1e6, 1e9),
-)
+    restitution=st.none() | st.floats(0.1, 1.0),
+    load_torque=st.none() | st.floats(0.0, 10.0),
+    mesh_error=st.none() | st.floats(0.0, 1e-6),
+    mesh_error_2=st.none() | st.floats(0.0, 1e-6),
+    mesh_error_3=st.none(),
+    teeth=st.none() | st.integers(8, 60).map(float),
+    driven_teeth=st.none(),
+    driven_inertia=st.none() | st.floats(1e-4, 1e-2),
+    driven_drag=st.none() | st.floats(1e-6, 1e-2),
+    driven_radius=st.none(),
+    driven_eccentricity=st.none() | st.floats(0.0, 1e-4),
+).filter(is_machine)
 views = st.builds(
     View,
     survey=words,

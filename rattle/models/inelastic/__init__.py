@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle import inelastic
@@ -24,7 +25,8 @@ RESTITUTION, LOAD = parameters_in(__file__)
 
 def _of_machine(load_torque: Any, pair: Any) -> Any:
     """Load of a torque on the second gear: over that of its drag, both referred to the first."""
-    return load_torque * pair.ratio / (pair.drag * pair.speed)
+    with np.errstate(all="ignore"):  # infinite where nothing turns, which a gear refuses
+        return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from gear_rattle.service.operations.crises import Crises
 from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.service.routes import download, limits
-from gear_rattle.service.routes.model import basins, curves, intensity, points, reached
+from gear_rattle.service.routes.model import basins, curves, intensity, points, reached, verdict
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.web import examples
 from gear_rattle.workers import (
@@ -51,7 +51,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.certificates import certify_survey
 from gear_rattle.workers.storage.export import write_netcdf
 from gear_rattle.workers.storage.location import certificates_of
-from rattle import Gear, Limit
+from rattle import Gear, Limit, Machine
 from rattle.models import Impacting
 
 HOW_TO = (Path(__file__).parents[3] / "docs" / "how-to" / "service.md").read_text()
@@ -188,6 +188,7 @@ async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) 
         "The basins": lambda: b"a picture",
         "The ends of the states": lambda: Gear(0.6, 0.1).reached([0.2], [0.1]),
         "The cost": lambda: 0.01,
+        "The verdict": lambda: Machine(0.003, 0.05, 100e-6, 15e-6, 0.05, rpm=3000.0, restitution=0.7).verdict(4),
         "The limits": lambda: [Limit(0.1, 0.05, 0.2)] * len(arguments[4] or [0.0]),
     }
     return found[what]()
@@ -218,7 +219,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (basins, curves, estimate, intensity, limits, points, reached):
+    for module in (basins, curves, estimate, intensity, limits, points, reached, verdict):
         monkeypatch.setattr(module, "in_turn", known)
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
         with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
