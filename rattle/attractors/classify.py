@@ -119,6 +119,11 @@ class Classifier(ABC):
     def has_quiet(self) -> NDArray[np.bool_]:
         """Flags of the cells (n_cells,) that have a quiet motion."""
 
+    @property
+    def has_slow_transients(self) -> NDArray[np.bool_]:
+        """Flags of the cells (n_cells,) in which sets that lose samples slowly are frequent, so that probes miss it."""
+        return np.asarray(self.has_quiet | (self.cells.delta < WEAK))
+
     @abstractmethod
     def enter_known_orbits(self) -> None:
         """Enter into the tables what is known of the cells beforehand."""
@@ -252,18 +257,17 @@ class Classifier(ABC):
             every = np.repeat(decided, chosen.size)
             seen = Seen(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.only(decided), seen)
-        weak = self.cells.delta[cells] < WEAK
-        doubtful = decided & (weak | self.has_quiet[cells] | (self.count < MANY))
+        doubtful = decided & (self.has_slow_transients[cells] | (self.count < MANY))
         decided[doubtful] = self.outlast(cells[doubtful])
         return decided
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return whether nothing leaves what is left in these cells, in as many impacts as the most watched has made.
 
-        Of all samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where
-        all may come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from
-        others. Where there are fewer samples than MANY, states near them are watched too: a small count is no reason
-        for chaos.
+        Of all samples and, where damping is weak, of so many states near them that there are CROWDS. There, where all
+        may come to rest, and where impacts lose energy, sets that lose samples slowly are frequent
+        (`has_slow_transients`), and twelve witnesses do not tell them from others. Where there are fewer samples than
+        MANY, states near them are watched too: a small count is no reason for chaos.
 
         Returns
         -------

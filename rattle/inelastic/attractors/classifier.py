@@ -75,6 +75,11 @@ class InelasticClassifier(Classifier):
         """Return whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
         return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
+    @property
+    def has_slow_transients(self) -> NDArray[np.bool_]:
+        """Return the flags of the cells (n_cells,) whose impacts lose energy, beside those of any gear."""
+        return np.asarray(super().has_slow_transients | (self.cells.restitution < 1.0))
+
     def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
 
@@ -89,7 +94,7 @@ class InelasticClassifier(Classifier):
         waiting = which[exact]
         while waiting.size:
             left = np.zeros_like(waiting)
-            tables = samples.for_kernels(), self.orbits.for_kernels()
+            tables = samples.for_kernels(), self.orbits.for_kernels(), self.balls.for_kernels()
             waiting = left[: resolve_contacts(waiting, self.cells, *tables, self.states, left)]
             self.grow_balls()
             if waiting.size:
