@@ -29,7 +29,7 @@ from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import N_MINUS, NAMES, Orbit, PeriodOne, classify
+from rattle.orbits.period_one import Orbit, PeriodOne, classify, existing_orbits
 from rattle.parameters import Parameters
 
 
@@ -183,23 +183,7 @@ class InelasticGear(Sampled, Rattling):
                 Orbit("P", 1, 1, 0, each.tau, each.v, each.multipliers, abs(each.multipliers[0]) < 1.0, *at, added)
                 for each in found
             )
-        known = self._period_one()
-        return tuple(
-            Orbit(
-                name,
-                1,
-                1,
-                N_MINUS[i],
-                float(known.tau[i]),
-                float(known.v[i]),
-                (complex(known.multipliers[i, 0]), complex(known.multipliers[i, 1])),
-                bool(known.stable[i]),
-                *at,
-                added,
-            )
-            for i, name in enumerate(NAMES)
-            if known.exists[i]
-        )
+        return existing_orbits(self._period_one(), *at, added)
 
     def _period_one(self) -> PeriodOne:
         return period_one(self.delta, self.epsilon, self.beta, self.restitution, self.load)

@@ -98,20 +98,19 @@ def reduced(
     Reduced
         The numbers from which δ, ε, β and SI units follow.
     """
-    with np.errstate(all="ignore"):  # numbers at the ends of double precision make no gear, which others refuse
-        ratio = np.divide(radius, driven_radius)
-        inertia2, drag2 = driven_inertia * ratio * ratio, driven_drag * ratio * ratio
-        rate1, rate2 = np.divide(drag, inertia), np.divide(driven_drag, driven_inertia)
-        if drive == "speed":
-            heavier, slowed, difference = 1.0, 1.0, 0.0 * rate2
-        else:
-            share, same = inertia2 / (inertia + inertia2), rate1 == rate2
-            heavier = 1.0 + np.divide(inertia2, inertia)
-            slowed = _plain(np.where(same, 1.0, rate2 / (rate2 + (rate1 - rate2) * share)))
-            difference = np.where(same, 0.0, (rate1 - rate2) ** 2 * share * (1.0 - share))
-        drift = heavier * rate2 * radius * speed
-        scale = 2.0 * base / (heavier * slowed)
-        reduced_inertia, reduced_drag = inertia2 * slowed / base, drag2 / base
+    ratio = np.divide(radius, driven_radius)
+    inertia2, drag2 = driven_inertia * ratio * ratio, driven_drag * ratio * ratio
+    rate1, rate2 = np.divide(drag, inertia), np.divide(driven_drag, driven_inertia)
+    if drive == "speed":
+        heavier, slowed, difference = 1.0, 1.0, 0.0 * rate2
+    else:
+        share, same = inertia2 / (inertia + inertia2), rate1 == rate2
+        heavier = 1.0 + np.divide(inertia2, inertia)
+        slowed = _plain(np.where(same, 1.0, rate2 / (rate2 + (rate1 - rate2) * share)))
+        difference = np.where(same, 0.0, (rate1 - rate2) ** 2 * share * (1.0 - share))
+    drift = heavier * rate2 * radius * speed
+    scale = 2.0 * base / (heavier * slowed)
+    reduced_inertia, reduced_drag = inertia2 * slowed / base, drag2 / base
     made = (reduced_inertia, reduced_drag, radius, speed * base, scale, ratio, difference, drift)
     return Reduced(*map(_plain, made))
 
@@ -148,27 +147,23 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
 
 def damping(pair: Reduced) -> Any:
     """Return δ = 2πc/(IΩ)."""
-    with np.errstate(divide="ignore", over="ignore"):  # what turns so slowly has no finite damping
-        return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)
+    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # infinite of what turns too slowly
 
 
 def over_radius(length: Any, pair: Reduced) -> Any:
     """Return ε of an amplitude of the transmission error, along the line of action."""
-    with np.errstate(over="ignore"):  # infinite, which a gear refuses
-        return pair.scale * length / pair.radius
+    return pair.scale * length / pair.radius
 
 
 def half_backlash(backlash: Any, pair: Reduced) -> Any:
     """Return β."""
-    with np.errstate(over="ignore"):
-        return pair.scale * backlash / (2.0 * pair.radius)
+    return pair.scale * backlash / (2.0 * pair.radius)
 
 
 def units(pair: Reduced) -> Units:
     """From the model back to SI units."""
     length, time = pair.radius / pair.scale, TWO_PI / pair.speed
-    with np.errstate(all="ignore"):
-        force = _plain(np.divide(0.5 * pair.inertia, pair.radius * time * time))
-        energy = force * length
-        power, speed, frequency = (_plain(np.divide(each, time)) for each in (energy, length, 1.0))
+    force = _plain(np.divide(0.5 * pair.inertia, pair.radius * time * time))
+    energy = force * length
+    power, speed, frequency = (_plain(np.divide(each, time)) for each in (energy, length, 1.0))
     return Units(length, time, speed, energy, power, force, frequency)

@@ -121,8 +121,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
     if driven is None:
         driven = radius if driven_teeth is None or teeth is None else radius * (driven_teeth / teeth)
     elif teeth is not None and driven_teeth is not None:
-        with np.errstate(over="ignore"):
-            off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
+        off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
         require(
             off <= ROUNDED,
             f"base radii are in the ratio of the tooth numbers, {driven_teeth}/{teeth}, and these are "

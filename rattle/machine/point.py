@@ -36,6 +36,7 @@ class MachinePoint(NamedTuple):
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
 
 
+@np.errstate(all="ignore")  # numbers at the ends of double precision are refused below, or by the gear
 def machine_point(
     numbers: Mapping[str, Any],
     speed: Any,

@@ -67,6 +67,14 @@ def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(folded < 1.0, folded, 0.0)
 
 
+def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
+    """Raise ParameterError unless these are departures, and numbers of returns."""
+    require(bool(np.isfinite(tau).all()), "tau must be finite")
+    require(bool((np.isfinite(v) & (v > 0)).all()), "v must be finite and greater than 0")
+    require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must be integers of at least 0")
+    require(bool((n < 1 << 53).all()), "n must be below 2**53")
+
+
 def checked(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
 ) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
@@ -80,12 +88,10 @@ def checked(
         raise
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{', '.join(named)} and n must broadcast: {error}") from None
-    require(bool(np.isfinite(phases).all()), "tau must be finite")
-    for name, array in (("v", speeds), ("delta", d), ("beta", b), *zip(more, others, strict=True)):
+    require_states(phases, speeds, steps)
+    for name, array in (("delta", d), ("beta", b), *zip(more, others, strict=True)):
         require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
     require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
-    require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
-    require(bool((steps < 1 << 53).all()), "n must be below 2**53")
     flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b, *others)]
     return flat, phases.shape
 

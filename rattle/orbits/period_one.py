@@ -75,6 +75,30 @@ class PeriodOne(NamedTuple):
     multipliers: NDArray[np.complex128]
 
 
+def existing_orbits(
+    found: PeriodOne, delta: float, epsilon: float, beta: float, added: Mapping[str, float]
+) -> tuple[Orbit, ...]:
+    """Return the orbits that exist at one parameter point, of arrays without axes, in the order A, B, C, D."""
+    return tuple(
+        Orbit(
+            name,
+            1,
+            1,
+            N_MINUS[i],
+            float(found.tau[i]),
+            float(found.v[i]),
+            (complex(found.multipliers[i, 0]), complex(found.multipliers[i, 1])),
+            bool(found.stable[i]),
+            delta,
+            epsilon,
+            beta,
+            added,
+        )
+        for i, name in enumerate(NAMES)
+        if found.exists[i]
+    )
+
+
 class MissingLimit(NamedTuple):
     """A limit that is not stated at a damping.
 

@@ -100,7 +100,7 @@ class RestitutionPlane:
 def restitution_plane(
     restitution: float, delta: Array, epsilon: Array, beta: float = 0.6, count: int = 64
 ) -> RestitutionPlane:
-    """Return the attractors that samples of so many states find in each cell.
+    """Return the attractors of each cell, from samples of this many states.
 
     Parameters
     ----------

@@ -76,8 +76,8 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
         tau, v = states(plan, few, count, seed)
         table, row, cells, how = follow_gears(few, tau, v, plan.budget)
         energy = intensities_of(table, cells, how).energy
-        told = np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)
-        found[rows] = np.sort(told[row].reshape(tau.shape), axis=1)
+        decided = np.where(table.kind == Outcome.UNDECIDED, np.nan, energy)
+        found[rows] = np.sort(decided[row].reshape(tau.shape), axis=1)
     return found
 
 

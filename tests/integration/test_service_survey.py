@@ -174,7 +174,7 @@ def first_of(client: Client) -> Any:
 @pytest.mark.parametrize("victim", ["server", "worker"])
 @pytest.mark.parametrize("survey", [pytest.param(REQUEST, id="plane", marks=deep), pytest.param(INELASTIC, id="third")])
 def test_a_survey_outlives_a_kill_in_its_middle(tmp_path: Path, survey: SurveyRequest, victim: str) -> None:
-    """Of its server, and a row of the database is lost too; or of its worker. The bytes are those of a run in here."""
+    """The server dies and a row of the database is lost, or the worker dies. The bytes are those of a serial run."""
     faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
     faults.hold(MIDDLE)
     arguments: dict[str, Any] = {"settings": faults.environment}

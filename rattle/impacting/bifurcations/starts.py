@@ -48,14 +48,30 @@ def two_impacts(delta: float, beta: float) -> StartFamily:
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
-def zeros(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
-    """Unknowns at the sign changes of a function of the family, in the order of σ, near enough to solve from."""
-    coarse = two_impacts(delta, beta)
+def zeros(
+    values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
+) -> list[Array]:
+    """Find the sign changes of a function of a family, near enough to solve from.
+
+    Parameters
+    ----------
+    values : callable
+        The function, of members of the family.
+    coarse : StartFamily
+        Members between which sign changes are looked for.
+    members_at : callable
+        From σ to the members with it.
+
+    Returns
+    -------
+    list of ndarray
+        Unknowns there, in the order of σ.
+    """
     at, found = values(coarse), []
     for i in np.flatnonzero(at[:-1] * at[1:] < 0):
         low, high = coarse.sigma[i], coarse.sigma[i + 1]
         for _ in range(FINEST):
-            fine = members(np.linspace(low, high, FINER), delta, beta)
+            fine = members_at(np.linspace(low, high, FINER))
             at_fine = values(fine)
             changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
             k = int(changes[0]) if changes.size else FINER // 2
@@ -67,21 +83,25 @@ def zeros(values: Callable[[StartFamily], Array], delta: float, beta: float) -> 
     return found
 
 
+def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
+    return zeros(values, two_impacts(delta, beta), lambda sigma: members(sigma, delta, beta))
+
+
 def folds(delta: float, beta: float) -> list[Array]:
     """Saddle-nodes of B and D."""
-    return zeros(lambda at: at.saddle_node, delta, beta)
+    return _zeros_of(lambda at: at.saddle_node, delta, beta)
 
 
 @lru_cache(maxsize=256)
 def grazes(delta: float, beta: float) -> tuple[Array, ...]:
     """Members of the family whose speed at Σ⁻ is 0."""
-    return tuple(zeros(lambda at: at.u, delta, beta))
+    return tuple(_zeros_of(lambda at: at.u, delta, beta))
 
 
 @lru_cache(maxsize=256)
 def flips(delta: float, beta: float) -> tuple[Array, ...]:
     """Flips of B and D."""
-    return tuple(zeros(lambda at: at.flip, delta, beta))
+    return tuple(_zeros_of(lambda at: at.flip, delta, beta))
 
 
 def loses_stability(x: Array, beta: float) -> bool:

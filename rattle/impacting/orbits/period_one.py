@@ -19,7 +19,7 @@ from rattle.errors import parameters, require_one_of
 from rattle.flight.impact_law import ELASTIC
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
-from rattle.orbits.period_one import N_MINUS, NAMES, MissingLimit, Orbit, PeriodOne, classify, multipliers_of
+from rattle.orbits.period_one import NAMES, MissingLimit, Orbit, PeriodOne, classify, existing_orbits, multipliers_of
 
 CURVES = ("G1", "G2")
 BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # above SN1; of ε
@@ -90,25 +90,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
 
 def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
     """Return the admissible orbits at one parameter point, in the order A, B, C, D."""
-    found = period_one(delta, epsilon, beta)
-    return tuple(
-        Orbit(
-            name,
-            1,
-            1,
-            N_MINUS[i],
-            float(found.tau[i]),
-            float(found.v[i]),
-            (complex(found.multipliers[i, 0]), complex(found.multipliers[i, 1])),
-            bool(found.stable[i]),
-            delta,
-            epsilon,
-            beta,
-            {},
-        )
-        for i, name in enumerate(NAMES)
-        if found.exists[i]
-    )
+    return existing_orbits(period_one(delta, epsilon, beta), delta, epsilon, beta, {})
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rattle.continuation.conditions import Kind
 from rattle.flight.forcing import DRIFT
-from rattle.impacting.bifurcations.starts import CLOSE, FINER, FINEST, StartFamily
+from rattle.impacting.bifurcations.starts import StartFamily, zeros
 from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node, slope_at_departure
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.inelastic.orbits.family import family_closure, family_nodes
@@ -41,22 +41,8 @@ def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
 
 
 def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
-    """Unknowns at the sign changes of a function of the family, in the order of σ, near enough to solve from."""
     coarse = two_impact_starts(delta, beta, r)
-    at, found = values(coarse), []
-    for i in np.flatnonzero(at[:-1] * at[1:] < 0):
-        low, high = coarse.sigma[i], coarse.sigma[i + 1]
-        for _ in range(FINEST):
-            fine = inelastic_members(np.linspace(low, high, FINER), delta, beta, r)
-            at_fine = values(fine)
-            changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
-            k = int(changes[0]) if changes.size else FINER // 2
-            apart = np.abs(fine.x[k + 1] - fine.x[k])
-            if not changes.size or (apart[:2].max() < CLOSE and apart[3] < CLOSE * fine.x[k, 3]):
-                break
-            low, high = fine.sigma[k], fine.sigma[k + 1]
-        found.append(fine.x[k])
-    return found
+    return zeros(values, coarse, lambda sigma: inelastic_members(sigma, delta, beta, r))
 
 
 def fold_starts(delta: float, beta: float, r: float) -> list[Array]:

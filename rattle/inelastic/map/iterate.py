@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, require
+from rattle.errors import ParameterError
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map.cells import InelasticCells, inelastic_cells, point_at
 from rattle.inelastic.map.impact_map import step, step_tangent
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Iterates, Stretched, fold
+from rattle.orbits.iterates import Iterates, Stretched, fold, require_states
 from rattle.parameters import Parameters
 
 
@@ -72,9 +72,7 @@ def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tup
         )
     except (TypeError, ValueError) as error:
         raise ParameterError(f"tau, v, n and the parameters must broadcast: {error}") from None
-    require(bool(np.isfinite(phases).all()), "tau must be finite")
-    require(bool((np.isfinite(speeds) & (speeds > 0)).all()), "v must be finite and greater than 0")
-    require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
+    require_states(phases, speeds, steps)
     flat = at.flat()
     added = flat.added["restitution"], flat.added["load"]
     cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, at.harmonics)

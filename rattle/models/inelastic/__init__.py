@@ -25,8 +25,7 @@ RESTITUTION, LOAD = parameters_in(__file__)
 
 def _of_machine(load_torque: Any, pair: Any) -> Any:
     """Load of a torque on the second gear: over that of its drag, both referred to the first."""
-    with np.errstate(all="ignore"):  # infinite where nothing turns, which a gear refuses
-        return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)
+    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite where nothing turns
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def test_contact_force(count: int, highest: int) -> None:
 
 @pytest.mark.parametrize(("count", "highest"), [(0, 2), (4, 12), (30, 200)])
 def test_zeros_of_the_contact_force(count: int, highest: int) -> None:
-    """As many as a grid of 4000 phases in a period of the highest harmonic shows, and each a zero in 40 digits."""
+    """Zeros are as many as on 4000 phases in a period of the highest harmonic, and each is one in 40 digits."""
     rng = np.random.default_rng(7 + count)
     seen = 0
     for _ in range(either(10, 100)):

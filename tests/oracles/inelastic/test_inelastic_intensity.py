@@ -80,7 +80,7 @@ def test_energy_balances(held: bool) -> None:
 
 
 def test_impacts_are_those_of_the_brute_force() -> None:
-    """Of motions with contact: its impacts above 1e-3 one by one, and the share of contact."""
+    """Impacts above 1e-3 of motions with contact agree one by one, and so does the share of contact."""
     for gear, x in periodic(either(6, 60), 7, True):
         events = np.zeros((400_000, 4))
         rows = [(1.0, 1.0, 0.0), *gear.harmonics]
