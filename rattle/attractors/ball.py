@@ -146,6 +146,8 @@ def fill_centres(grown, orbits, cells, whole, real):
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
+            if orbits.first[cell, j] == -math.inf:
+                continue
             point = point_of(cell, cells)
             n_plus, tau, v = orbits.n_plus[cell, j], orbits.tau[cell, j], orbits.v[cell, j]
             every = impacts_between_centres(n_plus)
@@ -167,7 +169,7 @@ def fill_centres(grown, orbits, cells, whole, real):
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     """Return the `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius.
 
-    0 where Π^k does not contract.
+    0 where Π^k does not contract. Orbits with contact have none: what comes to contact tells where it goes.
 
     Returns
     -------
@@ -175,7 +177,8 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
         Centres with their largest radii.
     """
     number = np.arange(orbits.n_plus.shape[1])
-    n_plus = orbits.n_plus[(number >= grown[:, None]) & (number < orbits.n[:, None])]
+    new = (number >= grown[:, None]) & (number < orbits.n[:, None])
+    n_plus = orbits.n_plus[new & (orbits.first > -np.inf)]
     every = impacts_between_centres(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
     whole, real = np.zeros((4, n), np.int64), np.zeros((6, n))

@@ -75,7 +75,8 @@ class Classifier(ABC):
         n_cells, self.count = tau.shape
         self.cells, self.budget = cells, budget
         with np.errstate(over="ignore"):  # of a subnormal δ
-            self.longer = np.maximum(1.0, WATCH / (PERIODS * cells.delta))  # than where damping is strong
+            self.longer = np.maximum(1.0, WATCH / (PERIODS * self.damping(cells)))  # than where damping is strong
+        self.weak = self.damping(cells) < WEAK
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = begun(cell, tau.ravel(), v.ravel(), self.most(FIRST, cell))
         self.orbits, self.balls = empty_tables(n_cells, ROOM, BALLS_PER_ORBIT)
@@ -84,6 +85,11 @@ class Classifier(ABC):
         self.stage = np.zeros(n_cells, np.int64)
         self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
         self.enter_known_orbits()
+
+    @staticmethod
+    def damping(cells: Any) -> NDArray[np.float64]:
+        """Return the rate (n_cells,) per forcing period at which areas of states shrink at least."""
+        return np.asarray(cells.delta)
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> Any:
@@ -152,11 +158,12 @@ class Classifier(ABC):
             left, leaks = standing(pending, self.status, self.impacts, FIRST * self.longer)
             some = left > 0
             pending, left, leaks = pending[some], left[some], leaks[some]
+            leaks &= self.waits_for_leaks(pending)
             leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge(pending[~leaks])
             few = (self.status[pending] == Outcome.UNRESOLVED).sum(axis=1) <= self.count // FEW
-            decided |= (self.stage[pending] >= STAGES + few) & (self.cells.delta[pending] >= WEAK)
+            decided |= (self.stage[pending] >= STAGES + few) & ~self.weak[pending]
             decided |= impacts_until(self.stage[pending]) * self.longer[pending] >= self.budget
             pending = pending[~decided]
             self.extend(pending)
@@ -252,10 +259,17 @@ class Classifier(ABC):
             every = np.repeat(decided, chosen.size)
             seen = Seen(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.only(decided), seen)
-        weak = self.cells.delta[cells] < WEAK
-        doubtful = decided & (weak | self.has_quiet[cells] | (self.count < MANY))
+        doubtful = decided & self.may_leak(cells)
         decided[doubtful] = self.outlast(cells[doubtful])
         return decided
+
+    def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return the cells (k,) in which sets that lose samples slowly are frequent, so that witnesses miss it."""
+        return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
+
+    def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return the cells (k,) whose unresolved samples are not judged while others still settle."""
+        return np.ones(cells.size, np.bool_)
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return whether nothing leaves what is left in these cells, in as many impacts as the most watched has made.
@@ -279,7 +293,7 @@ class Classifier(ABC):
         cell = samples.cell[which]
         chattering = self.may_rest(cell, samples.time[which], PERIODS * self.longer[cell])
         lasted = left.all_of((samples.status[which] == Outcome.UNRESOLVED) & ~chattering)
-        weak = self.cells.delta[cells] < WEAK
+        weak = self.weak[cells]
         for first, last in pairwise((0, *CROWDS)):
             crowd = lasted & weak
             lasted[crowd] = self.crowd_lasts(cells[crowd], first, last)
@@ -315,7 +329,7 @@ class Classifier(ABC):
         gone = np.zeros(which.size, np.bool_)
         others = begun(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh])
         self.settle(np.arange(others.cell.size), others)
-        strong = self.cells.delta[others.cell] >= WEAK  # elsewhere the larger crowd makes up for it
+        strong = ~self.weak[others.cell]  # elsewhere the larger crowd makes up for it
         chattering = self.may_rest(others.cell, others.time, PERIODS * self.longer[others.cell])
         gone[fresh] = (others.status != Outcome.UNRESOLVED) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))

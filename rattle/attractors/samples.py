@@ -18,6 +18,7 @@ GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory l
 HIGHEST = 14.0  # units of speed in which a footprint ends
 RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
 Known = TypeVar("Known", bound=StructOfArrays)
+CONTACT = -1  # pause of a sample that has come to a contact phase
 ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
 
 

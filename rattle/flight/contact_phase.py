@@ -19,6 +19,9 @@ IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a
 ENDLESS = 3  # status of a motion that makes MOST_BOUNCES impacts on Σ⁻ between two on Σ⁺
 MOST_BOUNCES = 100_000
 SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
+#: x of `rattle.inelastic.map.contact`: a chatter takes at most this share of the time in which the force might vanish.
+SHARE = 0.4
+LOW = 2.0 * (1.0 - SHARE) ** 2  # v²/(gap × force) up to which a bounce stays clear of the other wall
 
 
 @inline
@@ -33,6 +36,26 @@ def is_captured(speed, force, largest_invariant):
         True if it is certain.
     """
     return speed * speed * speed <= largest_invariant * force
+
+
+@inline
+def chatter_completes(speed, pressing, gap, capture):
+    """Return whether an impact that is left with this speed is certain to lead to contact, by impacts that lose energy.
+
+    Parameters
+    ----------
+    speed, pressing, gap : float
+        Speed after the impact, contact force towards the wall, and 2β.
+    capture : float
+        Up to which v/h² a chatter completes (`rattle.inelastic.map.contact.capture_of`); 0 where impacts are elastic.
+
+    Returns
+    -------
+    bool
+        True if it is certain.
+    """
+    certain = speed <= capture * pressing * pressing
+    return (pressing > 0.0) & (speed * speed <= LOW * gap * pressing) & certain
 
 
 @kernel

@@ -23,13 +23,14 @@ ZERO, ONE = f32(0.0), f32(1.0)
 _STATE = ("tau", "w", "wall", "sin0", "cos0")
 _PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
 #: Double precision: what a lane carries is that, the impacts counted, at most `limit` on Σ⁺, and why it stopped early;
+#: the coefficient of restitution, with v/h² up to which a chatter completes, 0 where impacts are elastic;
 #: a tangent vector (dt, dw) with the product of determinants and the time; and what a driver keeps of the trajectory on
 #: a lane: a reference state with the impacts to there, looks so far and at which the reference moves up; the batch that
 #: it is measured for (below 0: none yet) and since when; the unit of its speeds.
 _CARRIED = (
     *_STATE,
     *_PARAMETERS,
-    *("n_plus", "n_minus", "limit", "stuck"),
+    *("restitution", "capture", "n_plus", "n_minus", "limit", "stuck"),
     *("t_tangent", "w_tangent", "determinant", "time"),
     *("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit"),
 )
@@ -112,6 +113,7 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
         b.carried[field, i] = 0.0
     b.tau[i], b.w[i], b.wall[i], b.limit[i] = tau, -v, 1.0, limit
     b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
+    b.restitution[i] = 1.0
     for field in range(len(b.parameters)):
         b.parameters_[field, i] = b.parameters[field, i]
     b.t_tangent[i], b.determinant[i] = 1.0, 1.0 / v

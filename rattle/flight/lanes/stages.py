@@ -9,9 +9,9 @@ alone to `first_impact.safe_impact`. docs/kernel.md explains.
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight.contact_phase import IN_CONTACT, stays_in_contact
+from rattle.flight.contact_phase import IN_CONTACT, chatter_completes, stays_in_contact
 from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
-from rattle.flight.forcing import DRIFT, Q, plus_slope32
+from rattle.flight.forcing import DRIFT, Q, contact_force, plus_slope32
 from rattle.flight.guess import (
     TOO_FAR,
     Minimum,
@@ -23,7 +23,7 @@ from rattle.flight.guess import (
     refined,
     taylor,
 )
-from rattle.flight.impact_law import before_reflection, reflected
+from rattle.flight.impact_law import reflected
 from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import evaluate_short, folded, second_derivative
@@ -176,10 +176,10 @@ def _land(tangent):
             go = sure & (b.n_plus[i] < b.limit[i])
             b.sure[i] = 1.0 if sure else 0.0
             if tangent:
-                b.bend[i], b.lost[i] = bend, lost
+                b.bend[i], b.lost[i], b.w1[i] = bend, lost, w1
                 b.s[i] = s if go else 0.0
                 b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
-            later, back = folded(tau + s), reflected(w1)
+            later, back = folded(tau + s), b.restitution[i] * reflected(w1)
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             b.tau[i] = keep_or_take(go, later, tau)
             b.w[i] = keep_or_take(go, back, flight.w)
@@ -207,7 +207,7 @@ def carry(b, groups):
         t1, q1, det = carried(
             t0,
             q0,
-            before_reflection(b.w[i]),
+            b.w1[i],
             b.bend[i],
             b.lost[i],
             sin0,
@@ -217,11 +217,31 @@ def carry(b, groups):
             b.inverse_delta[i],
             b.epsilon[i],
         )
-        det1 = det0 * det
+        r = b.restitution[i]
+        det1 = det0 * (r * det)
         b.t_tangent[i] = keep_or_take(go, t1, t0)
-        b.w_tangent[i] = keep_or_take(go, q1, q0)
+        b.w_tangent[i] = keep_or_take(go, r * q1, q0)
         b.determinant[i] = keep_or_take(go, det1, det0)
         b.time[i] = time0 + b.s[i]
+
+
+@inline
+def loses_energy(b, groups):
+    """Return whether a chatter completes on some lane."""
+    found = False
+    for i in range(GROUP * groups):
+        found |= b.capture[i] > 0.0
+    return found
+
+
+@inline
+def enter_contact(b, groups):
+    """Stop the lanes whose chatter is certain to complete: who looks at them knows the release."""
+    for i in range(GROUP * groups):
+        pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
+        stops = chatter_completes(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (b.n_plus[i] < b.limit[i])
+        b.stuck[i] = keep_or_take(stops, float(IN_CONTACT), b.stuck[i])
+        b.limit[i] = keep_or_take(stops, -1.0, b.limit[i])
 
 
 @kernel
@@ -239,10 +259,11 @@ def search(b, i, paths):
     bend = second_derivative(lost, sin1, cos1, flight)
     t0, q0, sin0, cos0 = b.t_tangent[i], b.w_tangent[i], flight.sin0, flight.cos0
     t, q, det = carried(t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon)
-    b.t_tangent[i], b.w_tangent[i] = t, q
-    b.determinant[i] *= det
+    r = b.restitution[i]
+    b.t_tangent[i], b.w_tangent[i] = t, r * q
+    b.determinant[i] *= r * det
     b.time[i] += s
-    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = folded(b.tau[i] + s), reflected(w1), target, sin1, cos1
+    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = folded(b.tau[i] + s), r * reflected(w1), target, sin1, cos1
     b.n_plus[i] += 0.5 + 0.5 * target
     b.n_minus[i] += 0.5 - 0.5 * target
 
@@ -262,7 +283,10 @@ def advance(memory, groups, flights, force, tangent, paths):
     Force is what `roughest` says of them. paths counts the flights that went to the scan and to the search.
     """
     b = memory[0]
+    lossy = loses_energy(b, groups)
     for _ in range(flights):
+        if lossy:
+            enter_contact(b, groups)
         copy_to_single(b, groups)
         guess(b, groups)
         if force >= ROUGH:

@@ -22,10 +22,28 @@ from rattle.impacting.orbits.stable import stable_cells
 from rattle.parameters import Parameters
 
 
+def elastic_cells(
+    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
+) -> ImpactingCells:
+    """Return cells (n,) with elastic impacts, and their largest invariants v³/g that are certain to become quiet."""
+    return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
+
+
 def cells_of(parameters: Parameters) -> ImpactingCells:
     """Return cells with these parameters (n,), as kernels take them."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
-    return ImpactingCells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+    return elastic_cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+
+
+def roughness_of(cells: Any) -> NDArray[np.float64]:
+    """Return the swing of the contact force over its mean (n_cells,)."""
+    with np.errstate(over="ignore"):  # of a subnormal δ
+        return np.asarray(Forcing(cells.epsilon).relative_swing(cells.delta))
+
+
+def alike(which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return these samples in an order in which neighbours need the same stages of a flight: lanes share them."""
+    return which[np.argsort(-roughness[samples.cell[which]], kind="stable")]
 
 
 def quiet_invariant(parameters: Parameters) -> float:
@@ -41,8 +59,7 @@ class ImpactingClassifier(Classifier):
         """Prepare the classifier of any gear; paths (2,) counts how flights were found."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
-        with np.errstate(over="ignore"):  # of a subnormal δ
-            self._roughness = Forcing(cells.epsilon).relative_swing(cells.delta)
+        self._roughness = roughness_of(cells)
         super().__init__(cells, tau, v, budget)
 
     model = "impacting"
@@ -52,7 +69,7 @@ class ImpactingClassifier(Classifier):
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
         """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
-        return ImpactingCells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
+        return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
@@ -69,7 +86,7 @@ class ImpactingClassifier(Classifier):
 
     def enter_known_orbits(self) -> None:
         """Enter the stable orbits of period one, which are known beforehand."""
-        delta, epsilon, beta, _capture = self.cells
+        delta, epsilon, beta = self.cells[:3]
         found = stable_cells(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
         if most > ROOM:
@@ -86,12 +103,8 @@ class ImpactingClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples to their ends or limits."""
         flights = CHUNK if early else LONG_CHUNK
-        which, tables = self.alike(which, samples), (samples.for_kernels(), self.balls.for_kernels())
+        which, tables = alike(which, samples, self._roughness), (samples.for_kernels(), self.balls.for_kernels())
         settle(self._block, which, flights, self.cells, *tables, self.paths)
-
-    def alike(self, which: NDArray[np.int64], samples: Trajectories) -> NDArray[np.int64]:
-        """Return these samples in an order in which neighbours need the same stages of a flight: lanes share them."""
-        return which[np.argsort(-self._roughness[samples.cell[which]], kind="stable")]
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen

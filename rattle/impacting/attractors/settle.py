@@ -4,13 +4,16 @@ A sample belongs to a cell of the parameter plane. Between chunks of flights eve
 it certain to become quiet, is it in the ball of an orbit that its cell is known to have, has it come back to where it
 was (Brent's cycle search: a reference that moves up at powers of two)? A lane that ends is refilled with the next
 sample. What becomes of a sample depends on its cell's known orbits and on nothing else in the block.
+
+Where impacts lose energy a chatter may complete: the sample is then RECURRENT with the pause CONTACT, on the wall that
+its gap names, and `rattle.inelastic.attractors` knows how it goes on.
 """
 
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
-from rattle.flight.contact_phase import is_captured
+from rattle.attractors.samples import ALIGNMENT, CONTACT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
+from rattle.flight.contact_phase import IN_CONTACT, is_captured
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (
     GROUP,
@@ -36,12 +39,17 @@ STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it 
 
 
 class ImpactingCells(NamedTuple):
-    """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet."""
+    """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet.
+
+    Where impacts lose energy, capture is v/h² up to which a chatter completes (`rattle.inelastic.map.contact`), else 0.
+    """
 
     delta: Any
     epsilon: Any
     beta: Any
     quiet_invariant: Any
+    restitution: Any
+    capture: Any
 
 
 @inline
@@ -66,6 +74,7 @@ def start(b, i, k, cells, samples):
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
     load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
+    b.restitution[i], b.capture[i] = cells.restitution[c], cells.capture[c]
     b.unit[i] = speed_unit(cells.delta[c], cells.epsilon[c], cells.beta[c])
 
 
@@ -100,6 +109,9 @@ def look(b, i, k, cells, samples, balls):
         status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
             return status, orbit, True
+    if b.stuck[i] == IN_CONTACT and b.capture[i] > 0.0:
+        samples.gap[k], samples.pause[k] = int(b.wall[i]), CONTACT
+        return Outcome.RECURRENT, -1, True
     if b.stuck[i] > 0.0:
         return Outcome.FAILED, -1, True
     if b.wall[i] > 0.0 and recurs(b, i, k, samples):

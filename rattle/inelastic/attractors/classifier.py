@@ -1,4 +1,11 @@
-"""Find the attractors of samples of the inelastic gear, by the stages of `rattle.attractors.classify`."""
+"""Find the attractors of samples of the inelastic gear, by the stages of `rattle.attractors.classify`.
+
+With one cosine and no load samples fly in lanes (`rattle.impacting.attractors.settle`), else one by one.
+
+Where impacts lose energy, chaos that comes near to contact loses all samples to it, sooner or later: what follows a
+release is one motion, and it comes back to contact. So what is left of a cell is chaotic only if PROBES states beside
+it make EXPOSURE impacts together and none comes to contact. If one does, all that is left is on the same way.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +13,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BUDGET, Classifier, Seen
-from rattle.attractors.samples import Trajectories
+from rattle.attractors.classify import BESIDE, BUDGET, Classifier, Seen, begun
+from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
 from rattle.families.join import cells_between
-from rattle.inelastic.attractors.settle import CONTACT, ContactStates, label_contacts, measure, resolve_contacts, settle
+from rattle.impacting.attractors.classifier import alike, roughness_of
+from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
+from rattle.impacting.attractors.settle import measure as measure_in_lanes
+from rattle.impacting.attractors.settle import settle as settle_in_lanes
+from rattle.impacting.map.iterate import working_block
+from rattle.inelastic.attractors.settle import ContactStates, label_contacts, measure, resolve_contacts, settle
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map.cells import InelasticCells, cells_with, inelastic_cells
 from rattle.inelastic.map.iterate import returned_states
 from rattle.parameters import Parameters
+
+PROBES = 16  # states of a cell that are followed for contact
+EXPOSURE = 2**18  # impacts that they make together
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
@@ -47,6 +62,10 @@ class InelasticClassifier(Classifier):
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )
+        given = cells.delta, cells.epsilon, cells.beta, cells.quiet_invariant, cells.restitution, cells.capture
+        self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
+        self.roughness = roughness_of(cells)
+        self.in_lanes = (cells.load == 0.0) & (cells.shape.shape[1] == 1)
         super().__init__(cells, tau, v, budget)
 
     model = "inelastic"
@@ -75,6 +94,64 @@ class InelasticClassifier(Classifier):
         """Return whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
         return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
+    @staticmethod
+    def damping(cells: InelasticCells) -> NDArray[np.float64]:
+        """Return the rate at which areas of states shrink: drag, and one impact a period on each wall or more on one.
+
+        Returns
+        -------
+        ndarray, (n_cells,)
+            Rate per forcing period.
+        """
+        return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
+
+    def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return the cells that leak otherwise than by contact."""
+        return super().may_leak(cells) & ((self.cells.restitution[cells] == 1.0) | self.weak[cells])
+
+    def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return the cells with elastic impacts: where contact takes samples, `judge` need not wait."""
+        return np.asarray(self.cells.restitution[cells] == 1.0)
+
+    def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Decide what is left in these cells, as in any gear, and whether contact takes it."""
+        decided = super().judge(cells)
+        left = (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
+        lossy = left & (self.cells.restitution[cells] < 1.0)
+        decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
+        return decided
+
+    def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Follow states beside what is left in these cells (k,): what contact takes of them, it takes of all.
+
+        Returns
+        -------
+        ndarray of bool, (k,)
+            True for cells that are decided now.
+        """
+        if not cells.size:
+            return decided
+        left, number, samples = self.left_in(cells), np.arange(PROBES), self.samples
+        size = left.size[:, None]
+        which = left.which[left.starts[:, None] + number % size].ravel()
+        beside = 1.0 + BESIDE * (1 + number // size).ravel()
+        cell = samples.cell[which]
+        most = self.most(EXPOSURE // PROBES, cell)
+        others = begun(cell, samples.tau[which], samples.v[which] * beside, most)
+        self.settle(np.arange(cell.size), others)
+        status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
+        taken = (status == Outcome.QUIET) | (status == Outcome.PERIODIC) & (others.pause == CONTACT).reshape(-1, PROBES)
+        for i, each in enumerate(left.each()):
+            found = np.flatnonzero(taken[i])
+            if found.size:
+                one = np.resize(found, each.size)
+                samples.status[each], samples.orbit[each] = status[i, one], orbit[i, one]
+            elif not (status[i] == Outcome.PERIODIC).any():
+                continue
+            decided[i] = found.size > 0
+            self.chaos.pop(int(cells[i]), None)
+        return decided
+
     def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
 
@@ -89,7 +166,7 @@ class InelasticClassifier(Classifier):
         waiting = which[exact]
         while waiting.size:
             left = np.zeros_like(waiting)
-            tables = samples.for_kernels(), self.orbits.for_kernels()
+            tables = samples.for_kernels(), self.orbits.for_kernels(), self.balls.for_kernels()
             waiting = left[: resolve_contacts(waiting, self.cells, *tables, self.states, left)]
             self.grow_balls()
             if waiting.size:
@@ -97,20 +174,29 @@ class InelasticClassifier(Classifier):
         super().resolve(which[~exact], samples)
 
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these balls of capture; orbits with contact need none, as their states tell."""
-        centres.radius[self.orbits.first[centres.cell, centres.orbit] == -np.inf] = 0.0
+        """Find the radii of these balls of capture."""
         enlarge_one_by_one(centres, self.cells)
 
-    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
-        """Follow these samples to their ends or limits: every return is looked at, early or not."""
-        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels(), self.states)
+    def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
+        """Follow these samples to their ends or limits."""
+        in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
+        some, flights = alike(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
+        settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
+        settle(which[~in_lanes], self.cells, *tables, self.states)
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
-        tables = self.samples.for_kernels(), self.balls.for_kernels(), self.states
-        measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
+        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        in_lanes = self.in_lanes[self.samples.cell[which]]
+        for some in (in_lanes, ~in_lanes):
+            now, sums, prints = (which[some], least[some], periods[some]), seen.sums[some], seen.prints[some]
+            if some is in_lanes:
+                measure_in_lanes(self.block, *now, self.lanes, *tables, sums, prints, self.paths)
+            else:
+                measure(*now, self.cells, *tables, self.states, sums, prints)
+            seen.sums[some], seen.prints[some] = sums, prints
 
 
 def attractors_of(

@@ -1,8 +1,9 @@
 """Follow samples of the inelastic gear until each is quiet, captured, recurs, or has made its impacts (compiled).
 
 Sample by sample, as in `rattle.stiff.attractors.settle`. What follows a release does not depend on what went before:
-the first impact on Σ⁺ after a contact phase is one of a few states, to the bit. Where one of these comes back, the
-motion is periodic; the cell then knows them (`ContactStates`), and every sample that comes to one has its answer.
+the first impact on Σ⁺ after a contact phase is one of a few states, to the bit. The first sample that comes to one of
+these has it followed until one comes back: the motion is then periodic, however long its period. The cell knows them
+from then on (`ContactStates`), and every sample that comes to one has its answer.
 """
 
 import math
@@ -12,17 +13,29 @@ import numpy as np
 
 from rattle.attractors.chaos import BATCHES
 from rattle.attractors.recurrence import known, remember
-from rattle.attractors.samples import ALIGNMENT, Outcome, begun, finish, looked, top_speed
+from rattle.attractors.samples import (
+    ALIGNMENT,
+    CONTACT,
+    RECURRENCE,
+    Outcome,
+    Reference,
+    begun,
+    capturing_orbit,
+    finish,
+    looked,
+    top_speed,
+)
 from rattle.attractors.samples import mark as visit
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
-from rattle.flight.law import speed_unit
+from rattle.flight.law import speed_unit, wrapped
 from rattle.inelastic.map.cells import point_at
-from rattle.inelastic.map.impact_map import step, step_tangent
+from rattle.inelastic.map.impact_map import next_on_plus, step, step_tangent
 from rattle.inelastic.map.runs import merged_runs
 from rattle.numerics.compile import inline, kernel
 
-CONTACT = -1  # pause of a sample that recurs after contact
+NO_ORBIT, UNKNOWN = -1, -2  # after contact: a state that comes back to none of them, and one that was not followed
+MOST_RETURNS = 2**16  # for which such a state is followed
 
 
 class ContactStates(NamedTuple):
@@ -34,34 +47,23 @@ class ContactStates(NamedTuple):
     orbit: Any
 
 
-class Mark(NamedTuple):
-    """A state after a contact phase that a sample may come back to (Brent's cycle search).
-
-    n: the number of its return. contacts: how many contact phases went before. following: at which of them it is
-    replaced.
-    """
-
-    tau: float
-    v: float
-    n: int
-    contacts: int
-    following: int
+@inline
+def orbit_after_contact(tau, v, cell, states):
+    """Return the orbit to which a state leads that follows a contact phase; NO_ORBIT or UNKNOWN."""
+    for i in range(states.n[cell]):
+        if tau == states.tau[cell, i] and v == states.v[cell, i]:
+            return states.orbit[cell, i]
+    return UNKNOWN
 
 
 @inline
-def after_contact(tau, v, n, k, mark, samples, states):
-    """Return the outcome of sample k, whose n-th return followed a contact phase: (status, orbit, mark)."""
-    cell = samples.cell[k]
-    for i in range(states.n[cell]):
-        if tau == states.tau[cell, i] and v == states.v[cell, i]:
-            return Outcome.PERIODIC, states.orbit[cell, i], mark
-    if mark.contacts > 0 and tau == mark.tau and v == mark.v:
-        samples.gap[k], samples.pause[k] = n - mark.n, CONTACT
-        return Outcome.RECURRENT, -1, mark
-    contacts = mark.contacts + 1
-    if contacts >= mark.following:
-        return Outcome.UNRESOLVED, -1, Mark(tau, v, n, contacts, 2 * mark.following)
-    return Outcome.UNRESOLVED, -1, Mark(mark.tau, mark.v, mark.n, contacts, mark.following)
+def after_contact(tau, v, k, samples, states):
+    """Return the outcome of sample k, whose last return followed a contact phase: (status, orbit)."""
+    orbit = orbit_after_contact(tau, v, samples.cell[k], states)
+    if orbit == NO_ORBIT:
+        return Outcome.UNRESOLVED, -1
+    samples.gap[k], samples.pause[k] = 0, CONTACT
+    return (Outcome.PERIODIC, orbit) if orbit >= 0 else (Outcome.RECURRENT, -1)
 
 
 @inline
@@ -78,7 +80,7 @@ def settle(which, cells, samples, balls, states):
         point = point_at(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference, mark = begun(tau, v), Mark(tau, v, 0, 0, 1)
+        reference = begun(tau, v)
         status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below, on_plus, on_minus = step(tau, v, point)
@@ -87,7 +89,7 @@ def settle(which, cells, samples, balls, states):
                 break
             n, total = n + 1, total + time
             if on_plus + on_minus > 0:
-                status, orbit, mark = after_contact(tau, v, n, k, mark, samples, states)
+                status, orbit = after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
                 status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
         finish(tau, v, n, total, k, status, orbit, samples)
@@ -106,7 +108,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference, mark = begun(tau, v), Mark(tau, v, 0, 0, 1)
+        reference = begun(tau, v)
         status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
@@ -133,17 +135,64 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
                 row[2] += log_det
             visit(tau, v, top_speed(point.epsilon, unit), footprints[j])
             if on_plus + on_minus > 0:
-                status, orbit, mark = after_contact(tau, v, n, k, mark, samples, states)
+                status, orbit = after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
                 status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
         finish(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
-def resolve_contacts(which, cells, samples, orbits, states, waiting):
-    """Enter the orbits of samples that recur after contact, and the states that follow their contact phases.
+def follow_release(tau, v, cell, point, balls, states):
+    """Follow a state after contact until one after contact comes back (Brent's cycle search).
 
-    Samples whose cell has no room for one more orbit are written to waiting; the others become PERIODIC.
+    Returns
+    -------
+    orbit : int
+        A known orbit to which it leads; NO_ORBIT if no state comes back in MOST_RETURNS returns, or one without contact
+        does so first; UNKNOWN if there is a new orbit.
+    gap, tau, v
+        Returns in a period of the new orbit, and a state of it.
+    """
+    unit = speed_unit(point.delta, point.epsilon, point.beta)
+    mark_tau, mark_v, mark_n, contacts, following = tau, v, 0, 0, 1
+    reference = begun(tau, v)
+    for n in range(1, MOST_RETURNS + 1):
+        code, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
+        if code != OK:
+            break
+        orbit = capturing_orbit(tau, v, cell, balls)
+        if on_plus + on_minus > 0:
+            orbit = max(orbit, orbit_after_contact(tau, v, cell, states))
+            if orbit < 0 and tau == mark_tau and v == mark_v:
+                return UNKNOWN, n - mark_n, tau, v
+            contacts += 1
+            if contacts >= following:
+                mark_tau, mark_v, mark_n, following = tau, v, n, 2 * following
+        elif abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE:
+            break
+        if orbit >= 0:
+            return orbit, 0, tau, v
+        if n >= reference.following:
+            reference = Reference(tau, v, n, 2 * reference.following)
+    return NO_ORBIT, 0, tau, v
+
+
+@inline
+def enter_state(tau, v, orbit, cell, states):
+    """Note to which orbit a state after contact leads, where there is room."""
+    i = states.n[cell]
+    if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
+        states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
+        states.n[cell] = i + 1
+
+
+@kernel
+def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
+    """Find the orbits to which samples lead that have come to contact, and enter them with their states after contact.
+
+    A sample's gap names the wall on which it is in contact, 0 if it has left it. Samples whose cell has no room for one
+    more orbit are written to waiting; of the others those that lead to an orbit become PERIODIC, those that contact
+    does not release QUIET, and the rest goes on.
 
     Returns
     -------
@@ -152,36 +201,63 @@ def resolve_contacts(which, cells, samples, orbits, states, waiting):
     """
     waits = 0
     for k in which:
-        cell, gap = samples.cell[k], samples.gap[k]
-        if orbits.n[cell] == orbits.m.shape[1]:
-            waiting[waits] = k
-            waits += 1
-            continue
+        cell = samples.cell[k]
         point = point_at(cell, cells)
-        tau, v = samples.tau[k], samples.v[k]
-        best_tau, best_v, total, n_minus = tau, v, 0.0, 0
-        for _ in range(gap):
-            _status, tau, v, time, below, _plus, _minus = step(tau, v, point)
-            total += time
-            n_minus += below
-            if v > best_v:
-                best_tau, best_v = tau, v
-        m = int(np.rint(total))
-        orbit = known(m, gap, n_minus, best_tau, best_v, cell, orbits, point)
-        if orbit < 0:
-            orbit = remember(m, gap, n_minus, best_tau, best_v, -math.inf, -math.inf, cell, orbits)
-        for _ in range(gap):
-            _status, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
-            if on_plus + on_minus > 0:
-                i = states.n[cell]
-                there = False
-                for j in range(i):
-                    there |= tau == states.tau[cell, j] and v == states.v[cell, j]
-                if not there and i < states.tau.shape[1]:
-                    states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
-                    states.n[cell] = i + 1
-        samples.status[k], samples.orbit[k] = Outcome.PERIODIC, orbit
+        if samples.gap[k] != 0 and not released(k, samples, point):
+            continue
+        orbit = orbit_after_contact(samples.tau[k], samples.v[k], cell, states)
+        if orbit == UNKNOWN:
+            if orbits.n[cell] == orbits.m.shape[1]:
+                waiting[waits] = k
+                waits += 1
+                continue
+            orbit, gap, tau, v = follow_release(samples.tau[k], samples.v[k], cell, point, balls, states)
+            if orbit == UNKNOWN:
+                orbit = enter_contact_orbit(tau, v, gap, cell, point, orbits, states)
+            enter_state(samples.tau[k], samples.v[k], orbit, cell, states)
+        if orbit >= 0:
+            samples.status[k], samples.orbit[k] = Outcome.PERIODIC, orbit
+        else:
+            samples.status[k], samples.pause[k] = Outcome.UNRESOLVED, 0
     return waits
+
+
+@kernel
+def released(k, samples, point):
+    """Follow sample k from the contact phase that it has come to; False if it has an outcome, or made no contact."""
+    wall = samples.gap[k]
+    code, tau, v, time, _below, on_plus, on_minus = next_on_plus(wall, samples.tau[k], -wall * samples.v[k], point)
+    samples.gap[k] = 0
+    if code != OK:
+        samples.status[k] = ending_of(code)
+        return False
+    samples.tau[k], samples.v[k] = tau, v
+    samples.impacts[k] += 1
+    samples.time[k] += time
+    if on_plus + on_minus == 0:
+        samples.status[k], samples.pause[k] = Outcome.UNRESOLVED, 0
+    return on_plus + on_minus > 0
+
+
+@kernel
+def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
+    """Enter the orbit through a state after contact, and its states after contact. Returns its number."""
+    best_tau, best_v, total, n_minus = tau, v, 0.0, 0
+    for _ in range(gap):
+        _status, tau, v, time, below, _plus, _minus = step(tau, v, point)
+        total += time
+        n_minus += below
+        if v > best_v:
+            best_tau, best_v = tau, v
+    m = int(np.rint(total))
+    orbit = known(m, gap, n_minus, best_tau, best_v, cell, orbits, point)
+    if orbit < 0:
+        orbit = remember(m, gap, n_minus, best_tau, best_v, -math.inf, -math.inf, cell, orbits)
+    for _ in range(gap):
+        _status, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
+        if on_plus + on_minus > 0:
+            enter_state(tau, v, orbit, cell, states)
+    return orbit
 
 
 @kernel

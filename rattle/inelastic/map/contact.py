@@ -19,12 +19,12 @@ which the fastest harmonic takes the place of the first one (`quiet_invariant`).
 
 import math
 
+from rattle.flight.contact_phase import SHARE, chatter_completes
 from rattle.flight.contact_phase import is_captured as is_quiet
 from rattle.impacting.map.quiet import largest_eta
 from rattle.inelastic.map.harmonics import ORDER, bounds_of, force_at
 from rattle.numerics.compile import inline, kernel
 
-SHARE = 0.4  # x, of the time in which the force might vanish
 LEAST_SHARE = 0.5 * SHARE * (1.0 - SHARE) ** 1.5
 PHASES = 64  # of the fastest harmonic, at which the smallest contact force is looked for
 
@@ -43,8 +43,7 @@ def is_chatter_captured(wall, v, force, point):
         return False
     if wall > 0 and is_quiet(v, force, point.quiet_invariant):
         return True
-    low = v * v <= 4.0 * (1.0 - SHARE) ** 2 * point.beta * pressing  # a bounce stays clear of the other wall
-    return low and v <= point.capture * pressing * pressing
+    return chatter_completes(v, pressing, 2.0 * point.beta, point.capture)
 
 
 @kernel

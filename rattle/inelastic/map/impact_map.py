@@ -136,8 +136,14 @@ def step_tangent(tau, v, point):
 @kernel
 def step(tau, v, point):
     """Return Π of a state: (status, τ', v', time, impacts on Σ⁻, contact phases on Σ⁺, on Σ⁻)."""
+    return next_on_plus(SIGMA_PLUS, tau, -v, point)
+
+
+@kernel
+def next_on_plus(wall, tau, w, point):
+    """Follow a motion that leaves an impact on a wall with velocity w up to the next impact on Σ⁺; as `step`."""
     departure = np.empty((2, point.harmonics.shape[1]))
-    wall, w, time, n_minus, run, bounces = SIGMA_PLUS, -v, 0.0, 0, 0, 0
+    time, n_minus, run, bounces = 0.0, 0, 0, 0
     on_plus, on_minus = 0, 0
     piece = piece_of(tau, point.zeros)
     while True:
