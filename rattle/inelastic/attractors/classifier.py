@@ -4,7 +4,9 @@ With one cosine and no load samples fly in lanes (`rattle.impacting.attractors.s
 
 Where impacts lose energy, chaos that comes near to contact loses all samples to it, sooner or later: what follows a
 release is one motion, and it comes back to contact. So what is left of a cell is chaotic only if PROBES states beside
-it make EXPOSURE impacts together and none comes to contact. If one does, all that is left is on the same way.
+it make EXPOSURE impacts together and none comes to contact. If one does, all that is left is on the same way. If one
+ends without contact, samples may be on their way to a periodic motion, and are followed to the last stage before that
+is concluded.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BESIDE, BUDGET, Classifier, Seen, begun
+from rattle.attractors.classify import BESIDE, BUDGET, STAGES, Classifier, Seen, begun
 from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
@@ -65,6 +67,7 @@ class InelasticClassifier(Classifier):
         given = cells.delta, cells.epsilon, cells.beta, cells.quiet_invariant, cells.restitution, cells.capture
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
+        self.doubts = np.ones(room[0], np.int64)  # twice as many each time that something left a cell's chaos
         self.in_lanes = (cells.load == 0.0) & (cells.shape.shape[1] == 1)
         super().__init__(cells, tau, v, budget)
 
@@ -122,7 +125,7 @@ class InelasticClassifier(Classifier):
         return decided
 
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Follow states beside what is left in these cells (k,): what contact takes of them, it takes of all.
+        """Follow states beside what is left in these cells (k,): where some of them end, all do, in the same shares.
 
         Returns
         -------
@@ -136,20 +139,21 @@ class InelasticClassifier(Classifier):
         which = left.which[left.starts[:, None] + number % size].ravel()
         beside = 1.0 + BESIDE * (1 + number // size).ravel()
         cell = samples.cell[which]
-        most = self.most(EXPOSURE // PROBES, cell)
+        most = self.most(EXPOSURE // PROBES * self.doubts[cell], cell)
         others = begun(cell, samples.tau[which], samples.v[which] * beside, most)
         self.settle(np.arange(cell.size), others)
         status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
-        taken = (status == Outcome.QUIET) | (status == Outcome.PERIODIC) & (others.pause == CONTACT).reshape(-1, PROBES)
+        ended = status != Outcome.UNRESOLVED
+        slowly = ended & (status != Outcome.QUIET) & (others.pause != CONTACT).reshape(-1, PROBES)
         for i, each in enumerate(left.each()):
-            found = np.flatnonzero(taken[i])
-            if found.size:
-                one = np.resize(found, each.size)
-                samples.status[each], samples.orbit[each] = status[i, one], orbit[i, one]
-            elif not (status[i] == Outcome.PERIODIC).any():
+            if not ended[i].any():
                 continue
-            decided[i] = found.size > 0
             self.chaos.pop(int(cells[i]), None)
+            decided[i] = not slowly[i].any() or self.stage[cells[i]] >= STAGES
+            if decided[i]:
+                one = np.resize(np.flatnonzero(ended[i]), each.size)
+                samples.status[each], samples.orbit[each] = status[i, one], orbit[i, one]
+            self.doubts[cells[i]] *= 2
         return decided
 
     def enter_known_orbits(self) -> None:
