@@ -34,7 +34,9 @@ from rattle.inelastic.map.impact_map import next_on_plus, step, step_tangent
 from rattle.inelastic.map.runs import merged_runs
 from rattle.numerics.compile import inline, kernel
 
-NO_ORBIT, UNKNOWN = -1, -2  # after contact: a state that comes back to none of them, and one that was not followed
+#: After contact: a state that does not come back in MOST_RETURNS, one that was not followed, and one that leads to a
+#: motion without contact whose ball of capture is not known yet.
+NO_ORBIT, UNKNOWN, NOT_YET = -1, -2, -3
 MOST_RETURNS = 2**16  # for which such a state is followed
 
 
@@ -148,8 +150,8 @@ def follow_release(tau, v, cell, point, balls, states):
     Returns
     -------
     orbit : int
-        A known orbit to which it leads; NO_ORBIT if no state comes back in MOST_RETURNS returns, or one without contact
-        does so first; UNKNOWN if there is a new orbit.
+        A known orbit to which it leads; NO_ORBIT if no state comes back in MOST_RETURNS returns; NOT_YET if one without
+        contact does so first; UNKNOWN if there is a new orbit.
     gap, tau, v
         Returns in a period of the new orbit, and a state of it.
     """
@@ -169,7 +171,7 @@ def follow_release(tau, v, cell, point, balls, states):
             if contacts >= following:
                 mark_tau, mark_v, mark_n, following = tau, v, n, 2 * following
         elif abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE:
-            break
+            return NOT_YET, 0, tau, v
         if orbit >= 0:
             return orbit, 0, tau, v
         if n >= reference.following:
@@ -214,7 +216,8 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
             orbit, gap, tau, v = follow_release(samples.tau[k], samples.v[k], cell, point, balls, states)
             if orbit == UNKNOWN:
                 orbit = enter_contact_orbit(tau, v, gap, cell, point, orbits, states)
-            enter_state(samples.tau[k], samples.v[k], orbit, cell, states)
+            if orbit != NOT_YET:
+                enter_state(samples.tau[k], samples.v[k], orbit, cell, states)
         if orbit >= 0:
             samples.status[k], samples.orbit[k] = Outcome.PERIODIC, orbit
         else:
