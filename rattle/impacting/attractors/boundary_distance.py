@@ -159,7 +159,7 @@ class _Cells:
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
-        delta, epsilon, beta, _capture = (x[cell] for x in self.classifier.cells)
+        delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
         steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
         tau, v = lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
