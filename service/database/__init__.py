@@ -13,7 +13,7 @@ from gear_rattle.service.database.hold import Hold, hold
 from gear_rattle.service.database.identity import NewJob
 from gear_rattle.service.database.keys import Keys
 from gear_rattle.service.database.schema import is_current, upgrade_schema
-from gear_rattle.service.database.surveys import DoneTile, Surveys
+from gear_rattle.service.database.survey_rows import DoneTile, Surveys
 from gear_rattle.service.errors import DataDirectoryError
 
 __all__ = ["Database", "DoneTile", "NewJob"]

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gear_rattle.service.database.surveys import Active
+from gear_rattle.service.database.survey_rows import Active
 
 TURN_SECONDS = 3.0  # then the tasks at work end, within two seconds unless one cell takes longer
 

@@ -239,7 +239,7 @@ PROTECTIONS = (
     _one(
         "an interrupted survey is taken up again",
         f"{SERVICE}::test_killed_at_every_instant",
-        "service/database/surveys.py",
+        "service/database/survey_rows.py",
         "left).where(IS_ACTIVE).order_by",
         "left).where(JobRow.state == State.ACCEPTED).order_by",
     ),

@@ -150,7 +150,7 @@ from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
 from gear_rattle.service.kernels import compile_kernels
-from gear_rattle.service.routes.model.basins import _draw
+from gear_rattle.service.routes.model.basin_picture import _draw
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of

@@ -35,7 +35,7 @@ from gear_rattle.service.operations.crises import Crises
 from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.service.routes import download, limits
-from gear_rattle.service.routes.model import basins, curves, intensity, points, reached, verdict
+from gear_rattle.service.routes.model import basin_picture, intensity, plane_curves, points, reached, verdict
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.web import examples
 from gear_rattle.workers import (
@@ -219,7 +219,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (basins, curves, estimate, intensity, limits, points, reached, verdict):
+    for module in (basin_picture, plane_curves, estimate, intensity, limits, points, reached, verdict):
         monkeypatch.setattr(module, "in_turn", known)
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
         with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:

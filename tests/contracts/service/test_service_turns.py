@@ -9,7 +9,7 @@ from service_support import BODY, front_of, idle_cluster, local_client
 from waiting import wait_until
 
 from gear_rattle.service.app import create_app
-from gear_rattle.service.database.surveys import Active
+from gear_rattle.service.database.survey_rows import Active
 from gear_rattle.service.jobs import manager, turns
 from gear_rattle.service.jobs.turns import TURN_SECONDS, Turns
 from gear_rattle.service.settings import Settings

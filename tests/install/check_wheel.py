@@ -1,8 +1,7 @@
 """The wheel as users install it: built, put into clean environments outside the checkout, and used (`inside.py`).
 
-For every Python of ``PYTHONS`` that is installed: the newest release of every dependency, and the lowest of those that
-pyproject.toml names; or one of these (`check.py lowest`). Takes uv, which has what it needs from its cache after the
-first time.
+It uses, for every Python of ``PYTHONS`` that is installed, the newest release of every dependency and the lowest that
+pyproject.toml names; or one of these (`check_wheel.py lowest`). It needs uv, which keeps what it downloads in its cache.
 """
 
 from __future__ import annotations
