@@ -1,7 +1,7 @@
 """The wheel as users install it: built, put into clean environments outside the checkout, and used (`inside.py`).
 
 It uses, for every Python of ``PYTHONS`` that is installed, the newest release of every dependency and the lowest that
-pyproject.toml names; or one of these (`check_wheel.py lowest`). It needs uv, which keeps what it downloads in its cache.
+pyproject.toml names, or one of these (`check_wheel.py lowest`). It needs uv, which keeps what it downloads in cache.
 """
 
 from __future__ import annotations

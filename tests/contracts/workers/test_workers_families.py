@@ -179,7 +179,7 @@ def test_a_family_is_a_map(whole: Path) -> None:
 
 def test_what_is_no_family_is_refused(whole: Path, tmp_path: Path) -> None:
     for number in (-1, 10_000, 1.5):
-        with pytest.raises(SurveyError, match="there are families 0 to"):
+        with pytest.raises(SurveyError, match="use a number from 0 to"):
             open_family(whole, number)
     plain = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.1, stop=0.2, num=4))
     create_store(plain, tmp_path / "plain.zarr")
