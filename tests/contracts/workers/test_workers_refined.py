@@ -288,9 +288,9 @@ def test_the_stiff_gear_is_refined_by_regions_and_attractors() -> None:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"quantities": ("region", "basins")}, "basins are of each cell and cannot be filled"),
+        ({"quantities": ("region", "basins")}, "basins cannot be filled from other cells"),
         ({"quantities": ("attractors", "intensity")}, "intensity are of each cell"),
-        ({"quantities": ("orbits",)}, "refine goes by regions or attractors"),
+        ({"quantities": ("orbits",)}, "refine compares regions or attractors"),
         ({"model": "stiff", "kappa": 1e3}, "known of the impacting model only"),
         ({"tile": {"delta": 48}}, "use a multiple of 32"),
         ({"refine": {"audit": 0}}, "greater than 0"),
