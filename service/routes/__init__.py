@@ -1,4 +1,4 @@
-"""One file per group of routes; :data:`ROUTERS` is all that ask for a key."""
+"""Routes, a file for each group; :data:`ROUTERS` has all routers that need a key."""
 
 from fastapi import APIRouter
 

@@ -182,7 +182,7 @@ PROTECTIONS = (
         "a cell that raises fails alone",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/survey/tiles.py",
-        "        except Exception:  # whatever the model raises is that cell's result\n",
+        "        except Exception:  # an error of the model is the result of that cell\n",
         "        except MemoryError:\n",
     ),
     _one(
@@ -208,7 +208,7 @@ PROTECTIONS = (
                 "except (ClusterLostError, CommClosedError, SQLAlchemyError,",
                 "except (SQLAlchemyError,",
             ),
-            Edit("service/jobs/manager.py", 'if client.status != "running":  # whatever', "if False:  # whatever"),
+            Edit("service/jobs/manager.py", 'if client.status != "running":  # a lost', "if False:  # a lost"),
         ),
     ),
     Protection(
@@ -373,7 +373,7 @@ PROTECTIONS = (
         "a deletion is noted before it begins",
         "tests/contracts/service/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
         "service/jobs/manager.py",
-        "            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole\n",
+        "            self._database.begin_deletion(survey_id)  # a crash must not leave a seemingly whole survey\n",
         "",
     ),
     _one(

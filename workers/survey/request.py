@@ -324,7 +324,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def gear_model(self) -> Model:
-        """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
+        """The model with its parameters. Raises SurveyError for a survey with a third axis: each slice has a model."""
         if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
         return with_harmonics(model_of(**self.others), self.harmonics)

@@ -95,7 +95,7 @@ def test_what_cannot_be_printed_is_said_in_a_sentence() -> None:
     with Path("/dev/full").open("w") as full:
         refused = told("orbits", "0.6", "0.1", stdout=full)
     assert refused.returncode == 1
-    assert refused.stderr == "rattle: what it prints cannot be written: No space left on device\n"
+    assert refused.stderr == "rattle: its output cannot be written: No space left on device\n"
 
 
 def test_a_path_is_nowhere_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

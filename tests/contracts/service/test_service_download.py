@@ -167,7 +167,7 @@ def test_a_store_that_was_moved_away_is_said_to_be_gone(tmp_path: Path) -> None:
             front.database.set_state(survey_id, state)
             for ending in ("map.png", "download.nc", "download.csv"):
                 refused = client.get(f"/v1/surveys/{survey_id}/{ending}")
-                assert_problem(refused, 404, "is gone: it was moved or deleted. Bring it back, or POST")
+                assert_problem(refused, 404, "is gone: it was moved or deleted")
             with pytest.raises(MissingError, match="is gone"):
                 Atlas(front).plane(front.database.job(survey_id), "region", 0)
 

@@ -289,7 +289,7 @@ def test_the_stiff_gear_is_refined_by_regions_and_attractors() -> None:
     ("fields", "said"),
     [
         ({"quantities": ("region", "basins")}, "basins cannot be filled from other cells"),
-        ({"quantities": ("attractors", "intensity")}, "intensity are of each cell"),
+        ({"quantities": ("attractors", "intensity")}, "intensity cannot be filled from other cells"),
         ({"quantities": ("orbits",)}, "refine compares regions or attractors"),
         ({"model": "stiff", "kappa": 1e3}, "known of the impacting model only"),
         ({"tile": {"delta": 48}}, "use a multiple of 32"),
