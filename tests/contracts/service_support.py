@@ -68,7 +68,7 @@ async def run_here(compute: Callable[..., Any], *arguments: Any, limiter: Any, *
 
 @contextmanager
 def points_in(process: Any) -> Iterator[None]:
-    """What computes points meanwhile: `anyio.to_process`, or `IN_A_THREAD`."""
+    """Replace the module that computes points: `anyio.to_process`, or `IN_A_THREAD`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(turns, "to_process", process)
         yield
@@ -94,7 +94,7 @@ def local_client(app: FastAPI) -> TestClient:
 
 
 def front_of(client: TestClient) -> Front:
-    """What the routes of this application share."""
+    """Return the state that the routes of this application share."""
     front: Front = client.app.state.front
     return front
 

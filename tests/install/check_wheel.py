@@ -115,7 +115,7 @@ class Environment:
                 raise FailedError(f"{requirement.name} {found} was installed as the lowest, not {bound}")
 
     def _run(self, *command: str) -> str:
-        """What a command of this environment prints, which knows nothing of the checkout or of other environments."""
+        """Return the output of a command in this environment, without the checkout or other environments."""
         home = self.where / "home"
         home.mkdir(parents=True, exist_ok=True)
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "RATTLE_", "VIRT"))}
@@ -142,7 +142,7 @@ class Environment:
 
 
 def interpreters() -> dict[str, Path]:
-    """Where each Python is that runs here; a shim of pyenv may be there for one that does not."""
+    """Return the path of each Python that runs here; a shim of pyenv may exist without one."""
     found: dict[str, Path] = {}
     for version in PYTHONS:
         for candidate in _candidates(version):

@@ -1,4 +1,4 @@
-"""What protects from each fault of docs/reliability.md, how it is taken out, and a test that must fail without it.
+"""Protections against the faults of docs/reliability.md: how to take each out, and the test that must then fail.
 
 `protections.py` takes them out, one after the other.
 """
@@ -40,7 +40,7 @@ class Edit:
 
 @dataclass(frozen=True)
 class Protection:
-    """What is taken out, and the test that fails then."""
+    """A protection as edits that take it out, and the test that must then fail."""
 
     name: str
     test: str

@@ -1,4 +1,4 @@
-"""What a key allows: its scope, its surveys, its quotas; and what is open without one."""
+"""The permissions of a key: its scope, its surveys, its quotas; and the paths that need no key."""
 
 import re
 from collections.abc import Iterator

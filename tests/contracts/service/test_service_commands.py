@@ -1,4 +1,4 @@
-"""What commands do with names and paths that people choose."""
+"""Commands with names and paths that people choose."""
 
 import os
 import signal
@@ -46,7 +46,7 @@ def test_a_picture_that_cannot_be_written_is_refused_before_the_survey(name: str
 
 
 def told(*command: str, **more: Any) -> subprocess.CompletedProcess[str]:
-    """What a command says to a program that reads it."""
+    """Return the output of a command for a program that reads it."""
     whole = [sys.executable, "-m", "gear_rattle.cli", *command]
     return subprocess.run(whole, stderr=subprocess.PIPE, text=True, timeout=HANG, **more)
 

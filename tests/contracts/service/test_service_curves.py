@@ -110,7 +110,7 @@ def test_a_bad_window_is_refused(client: TestClient, query: str, words: str) -> 
 
 
 def never(*_: object) -> None:
-    """What a process of its own computes for ever."""
+    """Compute for ever in a process."""
     Event().wait()
 
 

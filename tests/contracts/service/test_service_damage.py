@@ -1,4 +1,4 @@
-"""What is damaged is said to be so, and nothing else suffers: rows of the job database, chunks, links in a circle."""
+"""Damage is reported, and nothing else suffers: rows of the job database, chunks, circular links."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -102,7 +102,7 @@ def test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value(where: str, requ
 def test_a_chunk_of_a_level_that_is_lost_is_no_fill_value_either(
     on_disk: tuple[TestClient, Take], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where it was asked for while there were no levels yet."""
+    """The same holds if it was requested before there were levels."""
     monkeypatch.setattr(grid, "LARGEST", 3)
     monkeypatch.setattr(grid, "LEAST", 2)
     client, take = on_disk

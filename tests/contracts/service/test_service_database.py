@@ -58,7 +58,7 @@ def kinds(found: list[Any]) -> dict[str, int]:
 
 
 def test_a_connection_that_a_thread_gives_back_after_the_close_is_closed(database_url: str) -> None:
-    """As that of a stream which ended while its thread still read."""
+    """Such a thread serves a stream that ended while it still read."""
     database = Database(database_url)
     with database._read() as session:
         session.execute(text("SELECT 1"))

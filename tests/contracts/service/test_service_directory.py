@@ -27,7 +27,7 @@ def data(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def take_away(data: Path) -> Path:
-    """As an unmounted disk leaves it: an empty directory in its place."""
+    """Replace the directory by an empty one, as an unmounted disk leaves it."""
     away = data.with_name("away")
     data.rename(away)
     data.mkdir()

@@ -1,4 +1,4 @@
-"""What a survey goes through, seen by its clients and by its database, without a cluster."""
+"""The life of a survey, seen by its clients and by its database, without a cluster."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -274,7 +274,7 @@ def test_what_another_version_computed_stays_successful(client: TestClient) -> N
 
 
 def test_a_survey_that_is_let_run_again_keeps_its_store(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its deletion was asked for at the same time, and came second."""
+    """Its deletion was requested at the same time, and came second."""
     front = front_of(client)
     survey_id = submit(client)
     finish(client, survey_id)

@@ -27,7 +27,7 @@ POINTS = (
 
 @pytest.fixture
 def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Where it would be written that all is compiled, and is not."""
+    """Return the missing file that would say that all kernels are compiled."""
     monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
     return tmp_path / f"answers-{Impacting.name}.note"
 
@@ -91,7 +91,7 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("note")
 def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What each of the works compiles is tested below."""
+    """Other tests check which kernels each work compiles."""
     works: list[tuple[str, str, str]] = []
 
     async def compiled(_compile: object, module: str, work: str, model: str, **_how: object) -> None:

@@ -29,7 +29,7 @@ def rattle(*arguments: str) -> Any:
 
 
 def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What a command that is refused says."""
+    """Return the message of a refused command."""
     monkeypatch.setattr("sys.argv", ["rattle", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()

@@ -88,7 +88,7 @@ def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
 
 
 def test_a_stop_is_never_overlooked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also one that comes as the thread turns to the next survey."""
+    """The stop may come as the thread turns to the next survey."""
     with service(tmp_path) as client:
         manager = front_of(client).manager
         wait_until(lambda: manager.cluster_state == "ready")

@@ -1,4 +1,4 @@
-"""Who needs no key: loopback, by names of the service; and pages of other sites, who have none."""
+"""Requests without a key: from loopback, by names of the service; and pages of other sites, which are refused."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -114,7 +114,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def too_long(*_: Any) -> Any:
-    """What is drawn over a map, where that is not to be waited for."""
+    """Raise the error of an overlay that takes too long."""
     raise UnavailableError("This is not found here. Leave it out.")
 
 
@@ -233,7 +233,7 @@ def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch:
 
 @deep
 def test_schemathesis_finds_nothing_where_points_are_computed(finished: Path, tmp_path: Path) -> None:
-    """Whether a point is found in time, 200 or 503, is all the same here."""
+    """A point may be found in time or not (200 or 503): both are correct here."""
     limits = {"max_basin_resolution": 50, "max_point_seconds": 2}
     try_everything(finished, tmp_path, CONFIG + FEWER, "--max-examples", "6", "--exclude-checks", LEFT_OUT, **limits)
 
@@ -287,7 +287,7 @@ def test_every_link_leads_from_an_example_to_an_operation_with_what_it_needs(doc
 
 
 def found_at(body: Any, expression: str) -> Any:
-    """What an expression of a link is for a body."""
+    """Return the value of a link's expression in a body."""
     if not expression.startswith("$response.body#/"):
         return expression
     for part in expression.partition("#/")[2].split("/"):

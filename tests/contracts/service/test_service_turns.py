@@ -58,7 +58,7 @@ def test_keys_have_turns_one_after_the_other_however_many_surveys_they_have() ->
 
 
 def test_one_without_cells_left_counts_as_the_largest() -> None:
-    """Its attractors are proved for hours."""
+    """Proving its attractors takes hours."""
     cells = {"proved": 0, "A": 1000, "B": 2000}
     order = [each for _, each in zip(range(12), _kept(Turns(), cells), strict=False)]
     assert order.count("A") == 6

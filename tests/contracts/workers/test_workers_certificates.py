@@ -60,7 +60,7 @@ def store(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(store):
-    """Where the certificates of the survey are."""
+    """Return the path of the survey's certificates."""
     out = store.with_name("survey.certificates.zarr")
     with open_survey(store) as survey:
         certify_survey(survey, out)

@@ -1,4 +1,4 @@
-"""Which tasks of a join are done again, and which are given up, without a cluster."""
+"""Tasks of a join that are repeated, and those that are given up, without a cluster."""
 
 from collections.abc import Callable
 from typing import Any
