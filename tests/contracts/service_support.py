@@ -130,15 +130,15 @@ def peer(client: TestClient, address: tuple[str, int]) -> Iterator[TestClient]:
 CODE = "[a-z]+(_[a-z]+)*"
 
 
-def assert_problem(response: Any, status: int, *words: str) -> dict[str, Any]:
-    """The problem document of a response, which must be complete and mention the words."""
+def assert_problem(response: Any, status: int, *words: str, code: str = "") -> dict[str, Any]:
+    """Return the problem document of a response, which must be complete, have this code, and mention the words."""
     assert response.status_code == status, response.text
     assert response.headers["content-type"] == "application/problem+json"
     problem: dict[str, Any] = response.json()
     assert problem["status"] == status
     assert problem["type"] == "about:blank"
     assert problem["title"]
-    assert re.fullmatch(CODE, problem["code"]), problem
+    assert problem["code"] == code if code else re.fullmatch(CODE, problem["code"]), problem
     assert len(problem["detail"]) > 10
     text = problem["detail"] + " ".join(item["field"] + item["message"] for item in problem["errors"])
     for word in words:

@@ -235,7 +235,7 @@ def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest
     monkeypatch.setattr(gear_rattle.workers.storage.bucket, "RETRIES", 0)
     impatient = Bucket(url)
     s3.fail(100)
-    with pytest.raises(StorageError, match="goes on"):
+    with pytest.raises(StorageError):
         examine(impatient)
     s3.fail(0)
     assert examine(impatient).whole

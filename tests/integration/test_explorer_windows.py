@@ -339,7 +339,7 @@ def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path, gate: Pa
             async with aclosing(shown(front, "lyapunov_max")) as frames:
                 await anext(frames)
                 await asyncio.to_thread(scheduler.cluster.close)
-                with pytest.raises(ClusterLostError, match="workers are gone"):
+                with pytest.raises(ClusterLostError):
                     async for _ in frames:
                         pass
             gate.unlink()

@@ -86,7 +86,7 @@ def test_the_latest_answers_are_remembered(database: Database) -> None:
     assert len(kept) == MOST_ANSWERED
     assert f"again {MOST_ANSWERED + 9}" in kept
     assert database.accept(new("first"), 100).id == first.id  # its own is in its row
-    with pytest.raises(ConflictError, match="another body"):
+    with pytest.raises(ConflictError):
         database.accept(new(f"again {MOST_ANSWERED + 9}", "other"), 100)
 
 

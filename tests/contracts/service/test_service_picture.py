@@ -292,7 +292,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
     monkeypatch.setattr(picture, "LOOK_SECONDS", 0.01)
     monkeypatch.setattr(Request, "is_disconnected", gone)
     answer = client.get(here, params={"lines": "crisis"})
-    assert_problem(answer, 503, "has left")
+    assert_problem(answer, 503, code="unavailable")
     assert left.is_set()
 
 

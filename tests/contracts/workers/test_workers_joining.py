@@ -73,6 +73,6 @@ def test_what_fails_is_raised_and_the_others_are_given_up(given_up: list[int]) -
 
 def test_a_stop_leaves_nothing_at_work(given_up: list[int]) -> None:
     asked = iter([False, False, True])
-    with pytest.raises(StoppedError, match="stopped while the survey was completed"):
+    with pytest.raises(StoppedError):
         each(lambda _: ENDLESS, lambda: next(asked))
     assert given_up == [3]
