@@ -98,7 +98,7 @@ def test_what_cannot_be_printed_is_said_in_a_sentence() -> None:
     assert refused.stderr == "rattle: its output cannot be written: No space left on device\n"
 
 
-def test_a_path_cannot_be_located_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_path_resolves_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
     monkeypatch.chdir(gone)
