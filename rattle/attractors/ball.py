@@ -101,12 +101,12 @@ def placed(centres, i, direction, radius):
 def contracts(tau, v, i, centres, point):
     """Return whether Π^k at this state has the Σ⁻ impacts of the orbit of centre i, and a contracting tangent.
 
-    The tangent contracts in its norm.
+    The tangent contracts in the norm of that orbit.
 
     Returns
     -------
-    result
-        Whether it contracts.
+    bool
+        False where v ≤ 0, where Π^k is not defined, or where either condition fails.
     """
     if not v > 0.0:
         return False
@@ -165,14 +165,12 @@ def fill_centres(grown, orbits, cells, whole, real):
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
-    """Return the `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius.
-
-    0 where Π^k does not contract.
+    """Return the `Centres` of the orbits of every cell from number grown[cell] on.
 
     Returns
     -------
     Centres
-        Centres with their largest radii.
+        With the largest radius of each ball, 0 where Π^k does not contract.
     """
     number = np.arange(orbits.n_plus.shape[1])
     n_plus = orbits.n_plus[(number >= grown[:, None]) & (number < orbits.n[:, None])]
