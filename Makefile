@@ -69,7 +69,7 @@ coverage: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 
 # The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
 test-install: $(INSTALLED)
-	$(BIN)/python tests/install/check.py
+	$(BIN)/python tests/install/check_wheel.py
 
 # The tests start hundreds of processes: where Python may not keep bytecode, each would compile every module again.
 bytecode: $(INSTALLED)

@@ -1,12 +1,12 @@
-"""What many actions in the explorer take: memory of the service, and how long it and the page answer nobody meanwhile.
+"""Measure many actions in the explorer: memory of the service, and how long it and the page are blocked.
 
     python benchmarks/explorer_actions.py [--actions 1000] [--every 200] [--chromium PATH] [--data PATH]
 
 Drives pages in Chromium through the same actions in the same order every time: other maps, surveys and slices, lines,
 zoom, keys, points with their basins and diagrams, the form, pages loaded anew and closed. Prints the memory of the
 service's processes (PSS), and by action the longest task of the page's main thread and the longest step of the
-service's event loop, both by the clock; of the loop also by the processor time of its thread, which depends less on
-others.
+service's event loop, both by the clock; for the loop also by the processor time of its thread, which depends less on
+other programs.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _is_done(link: str) -> bool:
 
 
 class Visitor:
-    """Who uses the explorer; every action is chosen by chance, and the same in every run."""
+    """A user of the explorer; actions are chosen at random, with the same seed in every run."""
 
     def __init__(self, browser: Browser, url: str, surveys: Sequence[str]) -> None:
         self._browser, self._url, self._surveys = browser, url, surveys

@@ -94,7 +94,7 @@ def _drawn(request: SurveyRequest, seed: int, cells: xr.Dataset) -> Drawn:
 
 
 def compared(cells: Drawn) -> dict[str, np.ndarray]:
-    """Which cells are wrong, by what: attractors or regions."""
+    """Return the wrong cells, by attractors or by regions."""
     request, n = cells.request, cells.delta.size
     wrong: dict[str, np.ndarray] = {}
     model = request.gear_model

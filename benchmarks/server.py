@@ -50,7 +50,7 @@ def server(data: Path, *options: str, first: str = "") -> Iterator[tuple[str, ps
 
 
 def has_cluster(url: str) -> bool:
-    """Whether a service answers and its workers are there."""
+    """Return whether a service answers and its workers are there."""
     try:
         return bool(httpx.get(f"{url}/v1/health", timeout=30).json()["cluster"] == "ready")
     except httpx.TransportError:

@@ -1,8 +1,8 @@
-"""What a cell costs in several versions of this repository, in turns: `python benchmarks/versions.py DIRECTORY …`.
+"""Measure the cost of a cell in several versions of this repository: `python benchmarks/versions.py DIRECTORY …`.
 
 Each directory is a checkout, such as `git worktree add DIRECTORY COMMIT` makes. The cells are those of `make bench
-MEASURED=survey`; milliseconds of the processor per cell are the least of the turns, impacts on Σ⁺ are counted. Prints
-JSON.
+MEASURED=survey`; milliseconds of the processor per cell are the least of several turns, impacts on Σ⁺ are counted.
+Prints JSON.
 """
 
 from __future__ import annotations

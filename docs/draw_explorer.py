@@ -70,7 +70,7 @@ SURVEYS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class View:
-    """What a picture shows: the address, with its survey by name; what is done then, and what is read in the end."""
+    """Content of a picture: the address, with its survey by name; the actions; and the text to read at the end."""
 
     what: str
     query: Mapping[str, str] = field(default_factory=dict)

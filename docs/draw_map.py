@@ -68,7 +68,7 @@ def facts() -> dict[str, list[list[str]]]:
 
 
 def drawn() -> dict[str, list[list[str]]]:
-    """What the picture was made from."""
+    """Return the imports from which the picture was drawn."""
     description = ElementTree.parse(PICTURE).find(".//{http://purl.org/dc/elements/1.1/}description")
     assert description is not None
     found: dict[str, list[list[str]]] = json.loads(description.text or "")

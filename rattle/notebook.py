@@ -1,4 +1,4 @@
-"""How results show themselves: in a line, in a notebook as a table, and as what pandas and xarray work with."""
+"""Displays of results: in a line, in a notebook as a table, and as what pandas and xarray work with."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Shown(Protocol):
     """A result that can say what it is."""
 
     def _caption(self) -> str:
-        """In a line."""
+        """Return the result in a line."""
 
     def _columns(self) -> Columns:
-        """Its table, columns of the same length by their names."""
+        """Return the result's table, columns of the same length by their names."""
 
 
 class Tabular:
@@ -45,14 +45,12 @@ class Tabular:
         return html_of(self)
 
     def to_dataframe(self: Shown) -> DataFrame:
-        """Return its table.
-
-        A row for each attractor of basins, event of a diagram, impact of an orbit, or point of a branch or a curve.
+        """Return the result's table.
 
         Returns
         -------
         DataFrame
-            The table.
+            A row for each attractor of basins, event of a diagram, impact of an orbit, or point of a branch or a curve.
 
         Raises
         ------
@@ -95,12 +93,12 @@ def dataset_of(
 def figure_of(result: Shown, drawn_by: str) -> Figure:
     """Return the picture of a result, by this function of `rattle.plot`, which is loaded by its name.
 
-    It knows all results.
+    `rattle.plot` knows all results, so results do not import it.
 
     Returns
     -------
     Figure
-        The figure.
+        A matplotlib figure.
 
     Raises
     ------

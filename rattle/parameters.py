@@ -21,7 +21,7 @@ MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number, greater than 0, that all cells of a plane of (δ, ε) have: declared once for every use of it.
+    """A number of a gear, greater than 0, that all cells of a plane of (δ, ε) have: declared once for every use of it.
 
     Parameters
     ----------
@@ -77,12 +77,12 @@ class Parameter:
 
     @property
     def long_name(self) -> str:
-        """Its name in words with its letter."""
+        """Return the parameter's name in words with its letter."""
         return f"{self.label} {self.symbol}"
 
     @property
     def in_words(self) -> str:
-        """Its name and letter in a list of what a gear has, such as "walls" and their stiffness."""
+        """Return the parameter's name and letter in a list of what a gear has, such as "walls" and their stiffness."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
 
@@ -93,7 +93,7 @@ class Parameter:
 
     @property
     def described(self) -> str:
-        """Its name in words, with the part of the gear that has it."""
+        """Return the parameter's name in words, with the part of the gear that has it."""
         return f"{self.label} of {self.of}" if self.of else self.label
 
 
@@ -148,12 +148,12 @@ class Parameters:
 
     @property
     def named(self) -> dict[str, Array]:
-        """All values by name."""
+        """Return all values by name."""
         return {"delta": self.delta, "epsilon": self.epsilon, "beta": self.beta, **self.added}
 
     @property
     def others(self) -> dict[str, Array]:
-        """All values but δ and ε, by name."""
+        """Return all values but δ and ε, by name."""
         return {"beta": self.beta, **self.added}
 
     @property

@@ -1,4 +1,4 @@
-"""The application: settings in, ASGI out. Nothing is opened before its lifespan starts."""
+"""Assemble the ASGI application from its settings. Nothing is opened before its lifespan starts."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from rattle.numerics import leave_working_directory
 if TYPE_CHECKING:
     from distributed import Client
 
-#: What pages of the origins in the settings may do.
+#: Permissions of pages of the origins in the settings.
 READING: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD"],
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
@@ -51,7 +51,7 @@ READING: dict[str, Any] = {
 }
 DOCUMENTS = Path(__file__).with_name("help")  # the site that `make docs` builds
 SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel has copies
-WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
+WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker gets 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
 #: Opens the cluster; its argument says, while the cluster starts, whether start-up was cancelled.
@@ -65,14 +65,14 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     Parameters
     ----------
     settings : Settings | None
-        From the environment if not given.
+        By default from the environment.
     cluster : Cluster | None
         Opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
 
     Returns
     -------
     FastAPI
-        The application.
+        All routes, middlewares and, unless switched off, the explorer.
     """
     settings = settings or Settings()
     metrics = Metrics()
@@ -92,7 +92,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
-    if settings.cors_origins:  # pages of others read then, and never write
+    if settings.cors_origins:  # such pages may read, but never write
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **READING)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
@@ -106,7 +106,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
         app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
-    app.state.on_start = lambda: None  # what serves it may have something to do
+    app.state.on_start = lambda: None  # `serve` replaces it
     return app
 
 

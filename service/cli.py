@@ -1,4 +1,4 @@
-"""The command ``rattle``. A new command is one function in a file of its own and one line here."""
+"""The command ``rattle``. A new command is a function in a file of its own and a line here."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ START = (
 
 
 class Commands(TyperGroup):
-    """The commands; what is wrong with a value is said in this project's words, not in pydantic's, which typer uses."""
+    """The group of all commands; messages about wrong values are this project's instead of pydantic's."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         """Run the command, and turn its errors into one line and an exit code."""
@@ -72,7 +72,7 @@ app = typer.Typer(
 
 def _version(asked: bool) -> None:
     if asked:
-        typer.echo(f"rattle {version('gear-rattle')}")  # the library itself would load the compiler
+        typer.echo(f"rattle {version('gear-rattle')}")  # importing the library would load the compiler
         raise typer.Exit
 
 
@@ -128,13 +128,13 @@ app.add_typer(key.app, name="key", rich_help_panel="Service", epilog="Example: r
 
 
 def main() -> None:
-    """Run a command; an error of this project is one sentence and exit status 2, never a traceback."""
+    """Run a command; an error of this project is printed as a sentence, with exit status 2, never as a traceback."""
     status: list[int] = []
-    atexit.register(_leave, status)  # the first, which is called last
-    atexit.register(gc.freeze)  # or all modules are looked through for garbage once more
+    atexit.register(_leave, status)  # registered first, so called last
+    atexit.register(gc.freeze)  # prevents a last garbage collection over all modules
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors=letters.NEAREST)  # whatever letters are known there: δ is in every other line
+            stream.reconfigure(errors=letters.NEAREST)  # replaces letters, such as δ, that the terminal lacks
     try:
         _run_command()
     except SystemExit as end:
@@ -143,16 +143,16 @@ def main() -> None:
 
 
 def _leave(status: list[int]) -> None:
-    """End the process now if a thread still computes or compiles: it would go on while the compiler is taken apart."""
+    """End the process at once if a thread still computes or compiles, which would go on during the shutdown."""
     if any(thread.daemon for thread in threading.enumerate()):
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):  # nobody reads it any more
+            with suppress(OSError, ValueError):  # the reader may be gone
                 stream.flush()
         os._exit(status[0] if status else FAILED)
 
 
 def _with_home(argument: str) -> str:
-    """Return an argument with the home directory in it, where a shell leaves `~`: in `--out=~/x`."""
+    """Return an argument with `~` expanded where shells do not expand it, as in `--out=~/x`."""
     name, _, value = argument.partition("=")
     if name.startswith("--") and (value == "~" or value.startswith("~/")):
         return f"{name}={os.path.expanduser(value)}"
@@ -170,11 +170,11 @@ def _run_command() -> None:
     except OSError as error:
         if error.errno != ENOSPC or error.filename is not None:
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left of it is no second error at the end
-        typer.echo(f"rattle: what it prints cannot be written: {error.strerror}", err=True)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # buffered output must not cause a second error at the end
+        typer.echo(f"rattle: its output cannot be written: {error.strerror}", err=True)
         raise SystemExit(FAILED) from error
     except Exception as error:
-        errors = sys.modules.get("rattle.errors")  # to import it would load the compiler
+        errors = sys.modules.get("rattle.errors")  # importing it would load the compiler
         if errors is None or not isinstance(error, errors.RattleError):
             raise
         typer.echo(f"rattle: {error}", err=True)

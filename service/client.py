@@ -33,7 +33,7 @@ OF_A_MACHINE = ("rpm", "eccentricity")
 AXIS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
-LONGEST = 60  # characters of a foreign answer, in a message
+LONGEST = 60  # the most characters of another program's answer in a message
 READ_SECONDS = 60.0  # several heartbeats of the event stream
 
 Document = dict[str, Any]
@@ -48,10 +48,10 @@ class Client:
     url
         Where the service is, such as ``http://127.0.0.1:8000``.
     http
-        An httpx client to use instead of a new one; its base URL wins.
+        An httpx client to use instead of a new one, with its own base URL.
     key
-        API key; the environment variable ``RATTLE_API_KEY`` if not given. Whoever runs the service at ``url``, or reads
-        along where it is not https, gets it.
+        API key; by default the environment variable ``RATTLE_API_KEY``. The operator of the service at ``url`` gets it,
+        and so does anybody who can read the connection if it is not https.
     """
 
     def __init__(
@@ -67,11 +67,11 @@ class Client:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close on leaving the context."""
+        """Close the connection."""
         self.close()
 
     def close(self) -> None:
-        """Let go of the connection; leaving `with` does it too."""
+        """Close the connection; leaving `with` closes it too."""
         self._http.close()
 
     def submit(
@@ -84,7 +84,7 @@ class Client:
     ) -> Job:
         """Submit a survey, given as a request or field by field; an axis may be a (start, stop, num) triple.
 
-        The service answers with an identical survey if it has one, finished or not.
+        If the service has an identical survey, finished or not, it returns that.
 
         Parameters
         ----------
@@ -93,14 +93,14 @@ class Client:
         idempotency_key : str | None
             The same body with the same key is the same survey, however often it is sent.
         force : bool
-            Compute it anew although an identical survey is there.
+            Compute the survey anew although an identical one is there.
         fields
-            Of the request; they win.
+            Fields of the request, which replace those in `request`.
 
         Returns
         -------
         Job
-            The job.
+            The survey in the service; `wait` for it, then `open` its results.
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Client:
         force: bool = False,
         **fields: Any,
     ) -> Job:
-        """Submit a population of gears; otherwise as :meth:`submit`. Its answers are those of :meth:`Job.answers`."""
+        """Submit a population of gears, as :meth:`submit` does a survey; :meth:`Job.answers` returns its answers."""
         return self._submitted("/v1/populations", _body(request, fields), idempotency_key, force)
 
     def _submitted(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
@@ -134,11 +134,11 @@ class Client:
         return Job(self, self.document("GET", f"/v1/populations/{population_id}"))
 
     def surveys(self) -> Iterator[Job]:
-        """Return every survey of the service, newest first."""
+        """Yield every survey of the service, newest first."""
         return self._listed("surveys")
 
     def populations(self) -> Iterator[Job]:
-        """Return every population of the service, newest first."""
+        """Yield every population of the service, newest first."""
         return self._listed("populations")
 
     def _listed(self, kind: str) -> Iterator[Job]:
@@ -170,7 +170,7 @@ class Client:
             answer = self._http.request(method, path, headers=headers, **kwargs)
         except httpx.HTTPError as error:
             raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
-        except (TypeError, ValueError) as error:  # no JSON has NaN, or an object; no header letters beyond ASCII
+        except (TypeError, ValueError) as error:  # JSON has no NaN or objects, headers have ASCII letters only
             raise ServiceError(
                 f"The request cannot be sent ({error}): give finite numbers, texts, lists and mappings, and a key or "
                 "an idempotency key of ASCII characters."
@@ -181,17 +181,17 @@ class Client:
         return answer
 
     def document(self, method: str, path: str, **kwargs: Any) -> Document:
-        """Send one request, and return the document that answers it.
+        """Send a request, and return the JSON object of its answer.
 
         Returns
         -------
         Document
-            The document.
+            Names and values of the object.
 
         Raises
         ------
         ServiceError
-            As `call`; or the answer is no document, so another program answered.
+            As `call`; or the answer is not a JSON object, so another program answered.
         """
         answer = self.call(method, path, **kwargs)
         try:
@@ -206,7 +206,7 @@ class Client:
         return found
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
-        """Id and data of each event that follows ``after``. Ends when the service closes the stream."""
+        """Yield id and data of each event after number ``after``, until the service closes the stream."""
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
@@ -266,7 +266,7 @@ class Job:
         return self._client.url + self._link("store")
 
     def refresh(self) -> Self:
-        """Ask the service where the survey stands."""
+        """Read the present state of the survey."""
         self.document = self._client.document("GET", self._link("self"))
         return self
 
@@ -283,25 +283,25 @@ class Job:
         progress : Progress | None
             Called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
         patience : float
-            Seconds that the service may be away, from when that is noticed.
+            Seconds for which the service may be unreachable.
         timeout : float | None
-            Seconds to wait at most; the survey goes on afterwards, and can be waited for again.
+            Most seconds to wait; the survey continues afterwards, and can be waited for again.
 
         Returns
         -------
         Self
-            This job.
+            This job, now successful.
 
         Raises
         ------
         ServiceError
-            The survey failed, was dismissed or deleted, or the service stayed away.
+            The survey failed, was dismissed or deleted, or the service stayed unreachable.
         WaitTimeoutError
-            It has not ended in this time.
+            The survey has not ended in this time.
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
-        away = math.inf  # since when
+        away = math.inf  # the time since which the service is unreachable
         while True:
             try:
                 if self.refresh().state in FINAL:
@@ -334,7 +334,7 @@ class Job:
         return WaitTimeoutError(f"{what} is {self.state} after {timeout:g} s. Wait for it again.")
 
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
-        """Events; of who waits for some time only, what the survey is a moment later: a stream ends when it likes."""
+        """Yield events; with a deadline only the present state a moment later, because a stream may stay open long."""
         if deadline == math.inf:
             yield from self._client.events(self._link("events"), after=seen)
         else:
@@ -342,62 +342,60 @@ class Job:
             yield seen, self.document
 
     def open(self) -> xr.Dataset:
-        """Return the results, read over HTTP as they are used."""
+        """Return the results as a dataset that is read over HTTP on demand."""
         return open_results(self.store_url, self._client.headers)
 
     def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
         """Return the map of one family of a survey that was computed with families.
 
-        As `gear_rattle.workers.open_family`.
+        See `gear_rattle.workers.open_family`.
 
         Returns
         -------
         xr.Dataset
-            The map.
+            Variables over (epsilon, delta).
         """
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
         """Return the answers of a population that has ended.
 
-        They are those of `GET /v1/populations/{population_id}/answers`.
-
         Returns
         -------
         Document
-            The document.
+            The object of `GET /v1/populations/{population_id}/answers`.
 
         Raises
         ------
         ServiceError
-            It has not ended.
+            The population has not ended.
         """
         return self._client.document("GET", f"{self._link('self')}/answers")
 
     def verify(self) -> Self:
-        """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
+        """Let the service check every tile, and compute damaged or missing ones; :meth:`wait` for it afterwards."""
         self.document = self._client.document("POST", f"{self._link('self')}/verify")
         return self
 
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
-        """Give the survey another name, or other notes; what is None stays.
+        """Give the survey another name or other notes; None leaves one unchanged.
 
         Returns
         -------
         Self
-            This job.
+            This job, with the new text.
 
         Raises
         ------
         ServiceError
-            It was submitted with another key.
+            The survey was submitted with another key.
         """
         given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
         self.document = self._client.document("PATCH", self._link("self"), json=given)
         return self
 
     def delete(self) -> None:
-        """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""
+        """Dismiss a waiting or running survey; delete one that has ended, with its store."""
         self._client.call("DELETE", self._link("self"))
 
 
@@ -414,12 +412,12 @@ def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
 
 
 def _axis(value: Any) -> Any:
-    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # else the service says what is wrong
+    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # otherwise the service explains the error
     return dict(zip(AXIS, value, strict=True)) if is_one else value
 
 
 def _plain(value: Any) -> Any:
-    """With Python's numbers instead of numpy's, of which JSON knows nothing."""
+    """Replace numpy's numbers by Python's, because JSON does not know the former."""
     if isinstance(value, Mapping):
         return {name: _plain(each) for name, each in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Compute small pieces of work, so that every kernel that answers to requests need of a model is compiled."""
+"""Compute small examples, so that all kernels that requests need of a model are compiled."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rattle.families import joined
 from rattle.models import Capability
 from rattle.precompile import Steps, example_of
 
-AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels
+AT = 0.6, 0.1  # δ, ε of the computed example
 
 
 def answers(name: str) -> Steps:
-    """Return the steps that need the kernels of this model which no survey needs: those of answers to requests."""
+    """Return the steps that compile the kernels of answers to requests, as far as surveys do not need them."""
     model, (delta, epsilon) = example_of(name), AT
     gear = model.gear(delta, epsilon)
 

@@ -1,4 +1,4 @@
-"""Parameters that models add to δ, ε and β, read without the library: commands and the client start at once."""
+"""Parameters that models add to δ, ε and β, read without importing the library, so that commands start quickly."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 
 class Added(NamedTuple):
-    """A number that a model adds: the fields of `rattle.parameters.Parameter` that options need."""
+    """A parameter that a model adds: the fields of `rattle.parameters.Parameter` that options need."""
 
     name: str
     model: str
@@ -23,7 +23,7 @@ class Added(NamedTuple):
 
     @property
     def described(self) -> str:
-        """Its name in words, with the part of the gear that has it, as a sentence begins."""
+        """The label with the part of the gear that has it, capitalized."""
         words = f"{self.label} of {self.of}" if self.of else self.label
         return words[0].upper() + words[1:]
 
@@ -35,7 +35,7 @@ class Added(NamedTuple):
 
 @cache
 def added() -> dict[str, Added]:
-    """Return what the models add, by name."""
+    """Return the parameters that models add, by name."""
     library = find_spec("rattle")
     assert library is not None
     assert library.submodule_search_locations is not None

@@ -1,6 +1,6 @@
 """Errors of the front end; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
 
-Those that the client raises are names of `gear_rattle`, and say so.
+The public package `gear_rattle` exports the errors that the client raises.
 """
 
 from __future__ import annotations
@@ -37,32 +37,32 @@ class UnknownKeyError(ServiceError):
 
 
 class UnauthorizedError(ServiceError):
-    """A key is asked, and there is none, or none that is known."""
+    """A key is needed, and the request has none, or an unknown one."""
 
     code = "unauthorized"
 
 
 class ForbiddenError(ServiceError):
-    """The caller is known, or need not be, and still may not do this."""
+    """The caller is not allowed to do this."""
 
     code = "forbidden"
 
 
 class QuotaError(ForbiddenError):
-    """The key has used up what it may."""
+    """The quota of the key is used up."""
 
     code = "quota_exceeded"
 
 
 class WaitTimeoutError(ServiceError, TimeoutError):
-    """A survey has not ended in the time for which somebody waited."""
+    """A survey has not ended in the given time."""
 
     __module__ = "gear_rattle"
     code = "wait_timeout"
 
 
 class MissingError(ServiceError):
-    """The survey exists, what was asked of it does not."""
+    """The survey exists, but the requested part of it does not."""
 
     code = "not_in_survey"
 
@@ -74,13 +74,13 @@ class AccessError(ServiceError):
 
 
 class AddressError(ServiceError):
-    """The address cannot be listened at."""
+    """The service cannot listen at the address."""
 
     code = "address_unavailable"
 
 
 class ConflictError(ServiceError):
-    """The request contradicts what the service already holds."""
+    """The request contradicts the present state of the service."""
 
     code = "conflict"
 
@@ -108,14 +108,14 @@ class UnavailableError(ServiceError):
 
 
 class DirectoryAwayError(UnavailableError):
-    """The data directory is not there, or another one is in its place."""
+    """The data directory is missing, or another one is in its place."""
 
     code = "data_directory_away"
 
     def __init__(self) -> None:
         super().__init__(
-            "The data directory of the service is away: is its disk mounted? Nothing is stored until it is back; the "
-            "service goes on then. Try again later."
+            "The data directory of the service is away: is its disk mounted? The service continues when it is back. "
+            "Try again later."
         )
 
 
@@ -127,7 +127,7 @@ class KernelsError(UnavailableError):
     def __init__(self) -> None:
         super().__init__(
             "Kernels are being compiled, which a service does once after it was installed or updated. Try again in a "
-            "few seconds; GET /v1/ready says when all is there."
+            "few seconds; GET /v1/ready says when the service is ready."
         )
 
 

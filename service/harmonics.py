@@ -1,4 +1,4 @@
-"""Harmonics of the forcing as text, ORDER:AMPLITUDE:PHASE: one way to write them for addresses and commands."""
+"""Harmonics of the forcing as text, ORDER:AMPLITUDE:PHASE, for addresses and commands."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ TEXT = (
 
 
 def read_harmonics(texts: Iterable[str]) -> tuple[Harmonic, ...]:
-    """Return harmonics that are written ORDER:AMPLITUDE:PHASE. Raises ParameterError where one is not."""
+    """Return the harmonics of texts ORDER:AMPLITUDE:PHASE. Raises ParameterError for other texts."""
     return tuple(_read(text) for text in texts)
 
 
 def written_harmonics(harmonics: Iterable[Harmonic]) -> list[str]:
-    """Return the texts that `read_harmonics` reads, to the last bit."""
+    """Return texts from which `read_harmonics` reads the same harmonics, to the last bit."""
     return [f"{order}:{amplitude!r}:{phase!r}" for order, amplitude, phase in harmonics]
 
 

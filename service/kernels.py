@@ -1,7 +1,7 @@
-"""Kernels of a service, compiled in a process of their own before anybody's time is counted.
+"""Kernels of a service, compiled in a process of their own, so that requests do not time out because of them.
 
-A fresh installation compiles for some minutes. That begins with the service, with a survey's kernels, which workers
-wait for and load; those of other models wait until somebody needs them.
+A fresh installation compiles for some minutes. The kernels of surveys, for which workers wait, are compiled when the
+service starts; those of other models are compiled when a request first needs them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rattle.numerics import compile_apart, note_of
 log = logging.getLogger(__name__)
 
 
-#: What compiles kernels, a module and its function: first those of every survey, which workers wait for.
+#: Modules and functions that compile kernels; those of surveys come first, because workers wait for them.
 WORKS = (
     ("rattle.precompile", "survey"),
     ("rattle.precompile", "by_request"),
@@ -31,7 +31,7 @@ WORKS = (
 
 
 def compile_kernels(model: str) -> None:
-    """Compile all kernels of a model, and wait for that."""
+    """Compile all kernels of a model, and wait for the end."""
     for module, work in WORKS:
         compile_apart(module, work, model)
 
@@ -47,7 +47,7 @@ class Kernels:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Give up at the end what is still being compiled."""
+        """Cancel unfinished compilations at the end of the context."""
         try:
             yield
         finally:
@@ -56,7 +56,7 @@ class Kernels:
             await asyncio.gather(*self._tasks.values(), return_exceptions=True)
 
     def begin(self, model: str = DEFAULT_MODEL) -> None:
-        """Compile what this model needs, unless that has begun or an earlier process has done it."""
+        """Compile the kernels of a model, unless that has begun or an earlier process has done it."""
         if model in self._ready:
             return
         self._ready[model] = asyncio.Event()
@@ -71,23 +71,23 @@ class Kernels:
         return any(not task.done() and not self.has(model) for model, task in self._tasks.items())
 
     def has(self, model: str) -> bool:
-        """Return whether the kernels of this model need not be compiled any more."""
+        """Return whether all kernels of a model are compiled."""
         return model in self._ready and self._ready[model].is_set()
 
     async def require(self, model: str, patience: float | None = None) -> None:
-        """Wait until the kernels of this model are there.
+        """Wait until all kernels of a model are compiled.
 
         Parameters
         ----------
         model : str
-            The name of the model.
+            Name of the model.
         patience : float, optional
-            Seconds; by default as long as points may be computed.
+            Seconds to wait; by default the most time of a point.
 
         Raises
         ------
         KernelsError
-            They are still being compiled, or too many wait already.
+            They are still being compiled, or too many requests wait for them.
         """
         self.begin(model)
         if self.has(model):
@@ -104,11 +104,11 @@ class Kernels:
             self._waiting -= 1
 
     async def _compile(self, model: str) -> None:
-        """Compile in a process that is killed when the service ends, which ends the one that compiles."""
+        """Compile in a process that is killed when the service ends, together with its own child."""
         try:
             for module, work in WORKS:
                 await to_process.run_sync(compile_apart, module, work, model, cancellable=True)
-        except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong
+        except BrokenWorkerProcess as error:  # requests then compile kernels themselves, and report errors
             log.warning("the process that compiles kernels has died: %s", error)
         except Exception:
             log.exception("kernels could not be made ready")

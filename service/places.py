@@ -1,4 +1,4 @@
-"""Places for what takes long: those who wait for it come first, and what nobody waits for gives way."""
+"""Limit concurrent computations; foreground requests pre-empt background ones."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ Result = TypeVar("Result")
 
 
 class Places:
-    """Computations that may be at work at once."""
+    """A priority limiter with a number of places for concurrent computations."""
 
     def __init__(self, number: int) -> None:
         self._limiter = CapacityLimiter(number)
-        self._giving_way: list[CancelScope] = []  # of what is in the background, the newest last
+        self._giving_way: list[CancelScope] = []  # scopes of background computations, the newest last
         self._waiting = 0
         self._nobody_waits = Event()
         self._nobody_waits.set()
 
     @asynccontextmanager
     async def one(self) -> AsyncIterator[None]:
-        """Yield a place for what somebody waits for.
+        """Yield a place for a foreground computation.
 
-        It takes that of something in the background, if there is no other.
+        If all places are taken, the newest background computation is cancelled and begins again later.
         """
         self._waiting += 1
         if self._waiting == 1:
@@ -44,7 +44,7 @@ class Places:
             self._limiter.release_on_behalf_of(place)
 
     async def in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """Return the result of this computation. It begins anew, later, whenever it gives way."""
+        """Return the result of a background computation, which begins again whenever it was pre-empted."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

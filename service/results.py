@@ -1,4 +1,4 @@
-"""Results on disk or of a service, which may ask for a key."""
+"""Open results on disk or of a service, which may need a key."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
-    """Return the header that carries an API key; by default that of ``RATTLE_API_KEY``, nothing without one.
+    """Return the header with an API key, by default that of ``RATTLE_API_KEY``; no header without a key.
 
     Returns
     -------
     dict[str, str]
-        Headers by name.
+        Value by name of the header.
 
     Raises
     ------
     ServiceError
-        The key holds characters that no key has.
+        The key has characters that no key can have.
     """
     key = (os.environ.get(KEY_VARIABLE, "") if key is None else key).strip()
     if not key:
         return {}
     if not (key.isascii() and key.isprintable()):
-        raise ServiceError(f"The API key holds characters that no key has. Look at {KEY_VARIABLE}.")
+        raise ServiceError(f"The API key has characters that no key can have. Check {KEY_VARIABLE}.")
     return {"Authorization": f"Bearer {key}"}
 
 
@@ -48,20 +48,20 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     store : str | Path
         Path or URL.
     headers : Mapping[str, str] | None
-        Sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store on this
-        machine or of the service at ``RATTLE_URL``. Nobody else shall see the key.
+        Headers for the service; by default with the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store
+        on this machine or of the service at ``RATTLE_URL``. The key is sent to no other address.
 
     Returns
     -------
     xr.Dataset
-        The open survey.
+        Its variables are read on demand.
 
     Raises
     ------
     RattleError
         There is no survey, or it cannot be read.
     ServiceError
-        If an address is given that is not a service's.
+        The address is not that of a trusted service.
     """
     from gear_rattle.workers import open_survey
 
@@ -83,7 +83,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         options = {"headers": dict(headers)}
         found = xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options)
         return join_complex(prepare_for_writing(found))
-    except Exception as error:  # what the network or a foreign format raises
+    except Exception as error:  # the network or a foreign format raises errors of several types
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 
 
@@ -95,7 +95,7 @@ def open_family(
     Returns
     -------
     xr.Dataset
-        The map.
+        Variables over (epsilon, delta).
 
     Raises
     ------
@@ -108,7 +108,7 @@ def open_family(
 
 
 def _is_trusted(url: str) -> bool:
-    """Return whether a URL is of this machine, or of the service that the user has named."""
+    """Return whether a URL is on this machine, or of the service that the user has named."""
     asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))
-    below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # a host may have other programs beside the service
+    below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # the host may also run other programs
     return (below and (asked.scheme, asked.netloc) == (named.scheme, named.netloc)) or is_loopback(asked.hostname or "")

@@ -1,4 +1,4 @@
-"""Every setting and every limit of the front end, read from ``RATTLE_…`` environment variables."""
+"""Settings and limits of the front end, read from ``RATTLE_…`` environment variables."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
-#: A path of plain segments: no "//HOST", which a browser would take for another site.
+#: A path of plain segments, without "//HOST", which a browser would take for another site.
 ROOT_PATH = re.compile(r"(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)*")
 
 
 class Settings(BaseSettings):
-    """Settings of one server process; an argument wins over its environment variable."""
+    """Settings of one server process; arguments take precedence over environment variables."""
 
     model_config = SettingsConfigDict(env_prefix="RATTLE_", frozen=True)
 
@@ -27,8 +27,8 @@ class Settings(BaseSettings):
     )
     host: str = Field(default="127.0.0.1", min_length=1)
     port: int = Field(default=8000, ge=0, le=65535)
-    insecure: bool = Field(default=False, description="let everybody in who reaches the service")
-    require_keys: bool = Field(default=False, description="ask for API keys on loopback too, as behind a proxy")
+    insecure: bool = Field(default=False, description="let in everybody who reaches the service")
+    require_keys: bool = Field(default=False, description="require API keys on loopback too, as behind a proxy")
     behind_proxy: bool = Field(
         default=False,
         description="a proxy in front has TLS, cuts off slow clients, and says scheme and path in X-Forwarded-Proto "
@@ -36,13 +36,13 @@ class Settings(BaseSettings):
     )
     root_path: str = Field(default="", description="path below which a proxy has this service, such as /rattle")
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
-        default=(), description="further names of this service, after commas; for requests without a key"
+        default=(), description="further names of this service, separated by commas; for requests without a key"
     )
     cors_origins: Annotated[tuple[str, ...], NoDecode] = Field(
-        default=(), description="origins whose pages may read, after commas, such as https://maps.example"
+        default=(), description="origins whose pages may read, separated by commas, such as https://maps.example"
     )
     session_seconds: float = Field(
-        default=7 * 86_400, gt=0, le=10 * 365 * 86_400, description="a browser that has signed in stays so, at most"
+        default=7 * 86_400, gt=0, le=10 * 365 * 86_400, description="longest time for which a browser stays signed in"
     )
     log_format: Literal["text", "json"] = Field(default="text", description="lines for people, or of JSON")
     scheduler: str | None = Field(default=None, description="dask scheduler; an embedded cluster if absent")
@@ -59,7 +59,7 @@ class Settings(BaseSettings):
     max_samples: int = Field(
         default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
     )
-    # A task cannot be interrupted: this bounds how long a dismissed survey still holds a worker.
+    # A task cannot be interrupted, so this bounds the time for which a dismissed survey occupies a worker.
     max_tile_samples: int = Field(default=1_048_576, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 
@@ -71,7 +71,7 @@ class Settings(BaseSettings):
     explorer: bool = Field(default=True, description="the page at /, which takes 2 s of a core after the start")
     preload: bool = Field(
         default=True,
-        description="kernels and the first map from the start, 5 s of a core: else when somebody asks for them",
+        description="prepare kernels and the first map at the start, which takes 5 s of a core; else on first use",
     )
     max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
     max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")
@@ -88,7 +88,7 @@ class Settings(BaseSettings):
     def _plain_path(cls, given: str) -> str:
         path = given.rstrip("/")
         if not ROOT_PATH.fullmatch(path):
-            raise ValueError(f"{given!r} is no path of plain segments: write it as /rattle or /apps/rattle")
+            raise ValueError(f"{given!r} is not a path of plain segments: write it as /rattle or /apps/rattle")
         return path
 
     @field_validator("cors_origins")

@@ -1,7 +1,7 @@
 """State that the routes of one application share, injected into them.
 
-Dependencies that only look at the request are coroutines: FastAPI sends every other one to a thread, and each way there
-and back waits for Python's lock.
+Dependencies that read only the request are coroutines, because FastAPI runs all others in threads, and each change of
+thread waits for the GIL.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from gear_rattle.workers import Bucket
 
 @dataclass(frozen=True)
 class Front:
-    """Everything a route may need; it lives as long as the application's lifespan."""
+    """State of an application that routes need; it lives as long as the application's lifespan."""
 
     settings: Settings
     directory: DataDirectory
@@ -48,60 +48,60 @@ class Front:
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def stored(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return a survey, or a population, and the place of its store. Blocks: for a thread.
+        """Return a survey or a population, and the location of its store. It blocks: use a thread.
 
         Returns
         -------
         tuple[JobRow, Path | Bucket]
-            Row, and place.
+            The row, and the location.
 
         Raises
         ------
         UnknownSurveyError
             There is none of this kind.
         DirectoryAwayError
-            The data directory is not there.
+            The data directory is away.
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return a survey, and the place of its store, which is there. Blocks: for a thread.
+        """Return a survey, and the location of its existing store. It blocks: use a thread.
 
         Returns
         -------
         tuple[JobRow, Path | Bucket]
-            Row, and place.
+            The row, and the location.
 
         Raises
         ------
-        MissingError
-            It has no numbers yet, or its store is gone.
         UnknownSurveyError, DirectoryAwayError
             As `stored`.
+        MissingError
+            The survey has no numbers yet, or its store is gone.
         """
         job, place = self.stored(survey_id)
         if place.exists():
             return job, place
         if job.cells_done or job.state == State.SUCCESSFUL:
             raise MissingError(
-                f"The store of survey {survey_id} is gone: it was moved or deleted. Bring it back, or POST "
-                f"/v1/surveys/{survey_id}/verify computes it anew."
+                f"The store of survey {survey_id} is gone: it was moved or deleted. Restore it, or compute it "
+                f"again with POST /v1/surveys/{survey_id}/verify."
             )
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
 
     @cached_property
     def windows(self) -> CapacityLimiter:
-        """Windows of the plane that are refined at once."""
+        """Limiter of the windows that are refined at once."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
     def slow_points(self) -> Places:
-        """Slow parts of the views of points, of all pages: a process is left for what is quick."""
+        """Limiter of slow computations for points of all pages; one process is left for quick ones."""
         return Places(max(1, self.settings.max_points - 1))
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Work of a request that the end of the service cuts short, with UnavailableError."""
+        """Run work of a request that the end of the service may cancel, with UnavailableError."""
         with CancelScope() as scope:
             self._interruptible.add(scope)
             try:
@@ -109,17 +109,17 @@ class Front:
             finally:
                 self._interruptible.discard(scope)
         if scope.cancelled_caught:
-            raise UnavailableError("The service is ending. Ask again when it is back.")
+            raise UnavailableError("The service is ending. Try again when it is back.")
 
     def end(self) -> None:
-        """Let everything come to its end that would take long; called in the event loop."""
+        """Cancel all long work; called in the event loop."""
         self.manager.ask_to_stop()
         for scope in tuple(self._interruptible):
             scope.cancel()
 
 
 async def front_of(request: Request) -> Front:
-    """Return the shared state of the application that got this request."""
+    """Return the shared state of the application of a request."""
     front: Front = request.app.state.front
     return front
 

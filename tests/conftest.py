@@ -82,7 +82,7 @@ def pytest_configure() -> None:
 
 
 def _is_like_a_disk(directory: Path) -> bool:
-    """Whether there is room for a run, and programs that tests write can be executed."""
+    """Return whether there is room for a run, and programs that tests write can be executed."""
     if not os.access(directory, os.W_OK):
         return False
     there = os.statvfs(directory)
@@ -90,7 +90,7 @@ def _is_like_a_disk(directory: Path) -> bool:
 
 
 def pytest_collection_finish() -> None:
-    """What is loaded now stays: to look through it for garbage again and again took a tenth of the time."""
+    """Freeze loaded objects: collecting garbage among them repeatedly took a tenth of the time."""
     MODULE_PATH[:] = sys.path
     gc.freeze()
     gc.set_threshold(OBJECTS)
@@ -135,7 +135,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 @pytest.fixture(autouse=True, scope="session")
 def _commands_are_made_once() -> Iterator[None]:
-    """And not by each that is run in this process: thirty commands with all their options."""
+    """Make the commands once, not for each that runs in this process: there are thirty with all their options."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.testing, "_get_command", cache(typer.testing._get_command))
         yield

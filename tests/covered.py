@@ -26,20 +26,20 @@ def tool(*arguments: str) -> int:
 
 
 def counts() -> dict[str, dict[str, int]]:
-    """What was run, by package: statements, those that ran, branches, those that were taken."""
+    """Return by package the numbers of statements, of those that ran, of branches, and of those taken."""
     files = json.loads((KEPT / "files.json").read_text())["files"]
     here = {name: [each["summary"] for path, each in files.items() if Path(path).parts[0] == name] for name in PACKAGES}
     return {name: {key: sum(each[key] for each in found) for key in COUNTED} for name, found in here.items()}
 
 
 def row(found: dict[str, int]) -> str:
-    """Both shares, in words."""
+    """Return both shares as text."""
     lines, branches = (100.0 * found[ran] / max(found[of], 1) for of, ran in (COUNTED[:2], COUNTED[2:]))
     return f"{lines:6.2f} % of {found['num_statements']} lines, {branches:6.2f} % of {found['num_branches']} branches"
 
 
 def main() -> int:
-    """As pytest ended."""
+    """Run the tests with coverage, print the shares, and return pytest's exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--beside", type=Path, help="counts of another run")
     known, further = parser.parse_known_args()

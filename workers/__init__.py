@@ -1,8 +1,6 @@
-"""A survey of the (δ, ε) plane, or a population of gears.
+"""Surveys of the (δ, ε) plane and populations of gears: request, tiles, zarr store, and the dask cluster.
 
-Its request, its tiles, its zarr store, and the dask cluster that fills it.
-
-Pictures are apart, in workers/pictures: processes that compute need not load what draws.
+Pictures are apart, in workers/pictures, so that processes that compute do not load matplotlib.
 """
 
 from importlib import import_module
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
     from gear_rattle.workers.cluster.refinement import refined_frames
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
 
-#: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
+#: Names that import dask's cluster, which takes a quarter of a second: a survey in one process does not need them.
 _ON_CLUSTERS = {
     "Begun": "gear_rattle.workers.cluster.costs",
     "complete_on": "gear_rattle.workers.cluster.runner",

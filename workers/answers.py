@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 def population_of(where: str | Path | Place) -> Population:
     """Return the population of a store whose gears are all computed, as `rattle.population` does.
 
-    What of it failed is undecided.
+    Samples of a failed gear count as undecided.
 
     Returns
     -------
     Population
-        The population.
+        The plan of the gears, and their attractors, one row a gear.
 
     Raises
     ------
@@ -46,14 +46,19 @@ def population_of(where: str | Path | Place) -> Population:
 
 
 def population_in(dataset: "xr.Dataset", name: str) -> Population:
-    """Return the same of a store that has been opened, such as one of a service, which is told of by its name.
+    """Return the population of an open store, such as one of a service.
 
-    Raises as `population_of`.
+    Parameters and results are those of `population_of`; `name` stands for the store in messages.
 
     Returns
     -------
     Population
-        The population.
+        The plan of the gears, and their attractors, one row a gear.
+
+    Raises
+    ------
+    SurveyError
+        There is no population, it is not finished, or it is damaged.
     """
     request = _request_of(dataset.attrs, name)
     with reading(f"the gears of {name}"):
@@ -76,7 +81,7 @@ def _population(request: PopulationRequest, column: Callable[[str], np.ndarray],
         raise SurveyError(f"{name} lacks {missing} gears: wait until it is finished, or run it again to resume it")
     found = gears_of(request, column)
     failed = status == FAILED
-    if failed.any():  # their fill values: numbers and parts follow from the plan
+    if failed.any():  # they have fill values: numbers and parts follow from the plan
         rows = np.flatnonzero(failed)
         found.part[rows], found.values[rows] = request.plan.parts(rows), request.plan.values(rows)
     return Population(request.plan, found)

@@ -28,14 +28,14 @@ def certify_areas(
     on_done: Callable[[int], None] = lambda _: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[ProvedBlock]:
-    """Prove what can be proved of a plane in so many columns of δ, and write the blocks to the file `out`.
+    """Prove blocks of a plane, in `number` columns of δ, and write them to the file `out`, one a line.
 
-    on_done is told the number of columns that are through, should_stop asked after each.
+    `on_done` is called after each column with the number of finished columns; `should_stop` is called after that.
 
     Returns
     -------
     list[ProvedBlock]
-        The blocks.
+        The proved blocks, column by column; those of finished columns if it was stopped.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBloc
 def serve_columns() -> None:
     """Prove the column that stdin names, and write its blocks or the error to stdout."""
     asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
-    sys.stdout = sys.stderr  # what a library prints is no answer
+    sys.stdout = sys.stderr  # a library may print: that is not part of the answer
     try:
         found: list[ProvedBlock] | Exception = proved(*asked)
     except Exception as error:

@@ -1,4 +1,4 @@
-"""The bound of the wrong share that a refined survey was asked for: its tiles go through rounds until it is met."""
+"""Meet the bound on the wrong share of a refined survey: its tiles go through rounds of audits until it is met."""
 
 from __future__ import annotations
 
@@ -26,15 +26,7 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a bound was requested and is not yet known to be met.
-
-    Of a survey whose tiles are all there.
-
-    Returns
-    -------
-    bool
-        True if the bound is still to be met.
-    """
+    """Return whether a survey with all its tiles has a requested bound that is not yet known to be met."""
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
@@ -47,31 +39,30 @@ def meet_bound(
 ) -> bool:
     """Take a survey whose tiles are all there through rounds of audits until its bound is met.
 
-    The caller holds the store.
-
-    The caller holds the store, whose attractors are not yet joined. What a tile holds follows from the request and the
-    rounds, and these from what all tiles have: neither tiles nor workers nor where a run was interrupted show.
+    The caller holds the lock of the store, whose attractors are not yet joined. The content of a tile follows from the
+    request and the rounds, and the rounds follow from the findings in all tiles: neither the size of tiles, nor the
+    number of workers, nor interruptions change it.
 
     Parameters
     ----------
     each : Each
-        Does the tasks.
+        Runs the tasks.
     at_once : int
-        Tiles that it is given at a time to be computed.
+        Number of tiles that it gets at a time.
     should_pause : Callable[[], bool]
-        Asked after each time: whether the rest is left for another call.
+        Called after each group of tiles; if true, the remaining rounds are left for another call.
 
     Returns
     -------
     bool
-        Whether the bound is met; False after a pause.
+        True if the bound is met, False after a pause.
 
     Raises
     ------
-    StorageError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    StorageError
+        The store cannot be written now.
     """
     assert request.refine is not None
     assert request.refine.bound is not None
@@ -79,7 +70,7 @@ def meet_bound(
     later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
-        # All of them: in parts, a turn might end before it comes to a tile that is to be computed.
+        # All tiles at once: in groups, a turn might end before it reaches a tile that must be computed.
         found = each(found_in, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
         with noting(place) as note:
@@ -109,9 +100,7 @@ def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
 
 
 def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
-    """Compute and write a tile as it is after the rounds that it names. May be done twice.
-
-    Returns what the last round found, and the digests of the tile's chunks by their keys.
+    """Compute a tile after the rounds that it names, and write it. A repetition writes the same bytes.
 
     Returns
     -------
@@ -121,12 +110,12 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
     counts = _counts(tile, values)
-    assert counts is not None, "what is filled has gone through all rounds"
+    assert counts is not None, "every filled cell has gone through all rounds"
     return counts, files
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """Return the findings of the last round in a tile; None if its cells have gone through others."""
+    """Return the findings of the last round in a tile; None if its cells have gone through other rounds."""
     source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0

@@ -1,7 +1,7 @@
 """Certificates of a survey's periodic attractors: documents, and variables in a store of their own beside the survey's.
 
-Whatever is found is appended to a file at once, so that a run that was stopped is resumed; from that file the variables
-follow. What was not proved is tried again by the next run. At the end there are checksums of all files.
+Each finding is appended to a file at once, so that a run that was stopped can continue; the variables follow from that
+file. The next run tries unproved attractors again. Checksums of all files are written at the end.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"  # one document a line, with its cell and slot
-SEAL = "checksums.json"  # of all other files, once all attractors are through
+SEAL = "checksums.json"  # checksums of all other files, written when all attractors are done
 MEANINGS = ("none", "orbit")
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
-AT_ONCE = 32  # motions that a process is given
+AT_ONCE = 32  # motions in one task
 KNOWN = "survey_content_hash"
 
 Place = tuple[int, int, int]  # slot, cell along ε and along δ
-Answers = list[tuple[Place, dict[str, Any] | str]]  # certificates as documents, or why there is none
+Answers = list[tuple[Place, dict[str, Any] | str]]  # each a certificate as a document, or the reason why there is none
 
 
 class AttractorClaim(NamedTuple):
-    """A periodic attractor as a survey has it."""
+    """A periodic attractor of a survey that is to be proved: its slot and cell, parameters, state and label."""
 
     place: Place
     model: Model
@@ -66,12 +66,12 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     Returns
     -------
     list[AttractorClaim]
-        The attractors.
+        One for each occupied slot of kind periodic.
 
     Raises
     ------
     SurveyError
-        If the survey has none or a third axis, or if no proofs are known of its model.
+        The survey has no attractors or has a third axis, or its model has no proofs.
     """
     if "attractor_kind" not in survey:
         raise SurveyError("the survey has no attractors: ask for the group attractors")
@@ -93,7 +93,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
-    """Return of each attractor its certificate as a document, or why it is not proved. The task of a cluster, too."""
+    """Return for each attractor its certificate as a document, or the reason why it is not proved."""
     found: Answers = []
     for claim in claims:
         try:
@@ -114,7 +114,7 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
 
 
 def proved_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-    """Prove in this process."""
+    """Prove parts of the attractors in this process."""
     return [certify_claims(part) for part in parts]
 
 
@@ -128,34 +128,32 @@ def certify_survey(
 ) -> xr.Dataset:
     """Prove the periodic attractors of a survey, and write certificates and variables to the store `out`.
 
-    Returns the variables: `attractor_certificate` and `attractor_certificate_radius` on (attractor, epsilon, delta).
-
     Parameters
     ----------
     survey : xr.Dataset
         As `open_survey` gives it.
     prove : Callable[[Sequence[list[AttractorClaim]]], list[Answers]]
-        Proves some parts of the attractors, anywhere: `certify_claims` of each, in order. What it raises is raised.
+        Proves some parts of the attractors, anywhere: `certify_claims` of each, in order. Its errors are passed on.
     at_once : int
-        Parts that it is given at a time: what they give is kept when all are through.
+        Number of parts that it gets at a time; their results are stored together.
     on_done : Callable[[int, int], None]
-        Told how many attractors are through, those of earlier runs included, and how many there are.
+        Called with the number of finished attractors, those of earlier runs included, and the number of all.
     should_stop : Callable[[], bool]
-        Asked after each time; what is through by then is kept.
+        Called after each group of parts; if true, the run ends with the results so far.
 
     Returns
     -------
     xr.Dataset
-        The variables.
+        `attractor_certificate` and `attractor_certificate_radius` on (attractor, epsilon, delta).
 
     Raises
     ------
-    StorageError
-        It cannot be written now.
     SurveyError
         The survey has no attractors, or `out` holds something else.
     MissingExtraError
         Python-flint is not installed.
+    StorageError
+        The store cannot be written now.
     """
     claims = claims_of(survey)
     try:
@@ -200,7 +198,7 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
     sealed, files = _sealed(out)
     is_damaged = sealed == _known(survey) and files != _checksums(out, files)
-    if is_damaged:  # it cannot be told what of it is: all is begun anew
+    if is_damaged:  # nothing says which part is damaged: all attractors are proved again
         for key in files:
             (out / key).unlink(missing_ok=True)
     if is_damaged or not out.exists() or not any(out.iterdir()):
@@ -222,7 +220,7 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
             each = json.loads(line)
             place, radius = (each["slot"], *each["cell"]), float(each["time_radius"])
         except (ValueError, KeyError, TypeError):
-            break  # where a killed run was
+            break  # a run was killed while it wrote this line
         if not line.endswith(b"\n"):
             break
         radii[place] = radius
@@ -231,13 +229,13 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 
 def _known(survey: xr.Dataset) -> str:
-    """Return the identity by which a store of certificates knows its survey, or the slice of it."""
+    """Return the identity that ties a store of certificates to its survey, or to a slice of the survey."""
     third = (f" {name}={value!r}" for name, value in value_along(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 
 
 def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> bool:
-    """Return whether the attractors of a survey, which are all there, are still to be proved as it asks."""
+    """Return whether a completed survey asks for certificates that are not all there yet."""
     if not request.certify:
         return False
     out = certificates_of(where)
@@ -253,7 +251,7 @@ def prove_survey(
     on_done: Callable[[int, int], None],
     should_stop: Callable[[], bool],
 ) -> None:
-    """Prove the periodic attractors of a survey, into the store beside it. Arguments and errors: `certify_survey`'s."""
+    """Prove the periodic attractors of a survey, into the store beside it, as `certify_survey` does."""
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return each(_certified, request, str(where), [(part,) for part in parts])
@@ -280,13 +278,13 @@ def require_certifiable(request: object, where: str | Path | Location) -> None:
 
 @dataclass(frozen=True)
 class CertificatesIntegrity:
-    """Findings of a check of every file of a store of certificates."""
+    """Result of checking every file of a store of certificates."""
 
     path: Path
-    survey: str  # its content hash, and the slice; empty if nothing tells it any more
-    files: int  # that were compared with their checksums
+    survey: str  # content hash and slice of the survey; empty if the store no longer says them
+    files: int  # files that were compared with their checksums
     damaged: tuple[str, ...]  # lost or damaged files
-    complete: bool  # otherwise there are no checksums yet: the run that proves them has not ended
+    complete: bool  # False while there are no checksums yet, because the run has not ended
 
 
 def holds_certificates(where: str | Path | Location) -> bool:
@@ -305,12 +303,12 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     out : pathlib.Path
         The store.
     ended : bool
-        Whether the run that proves is known to have ended: checksums that are not there are lost then.
+        Whether the run that proves is known to have ended: missing checksums are then lost ones.
 
     Returns
     -------
     CertificatesIntegrity
-        The findings.
+        Number of compared files, and the lost or damaged ones.
     """
     known, files = _sealed(out)
     complete = ended or (out / SEAL).exists()
@@ -323,7 +321,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
 
 
 def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
-    """Examine the stores of certificates that lie beside a survey's, of its slices too. None are beside a bucket's."""
+    """Examine the stores of certificates beside a survey's and beside its slices'. A survey in a bucket has none."""
     place = place_of(where)
     if not isinstance(place, Directory):
         return []
@@ -341,7 +339,7 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
 
 
 def _sealed(out: Path) -> tuple[str, dict[str, str]]:
-    """Return the survey of which all is there, and the checksums of its files; nothing if it is not."""
+    """Return the identity of the survey and the checksums of a finished store; nothing if it is unfinished."""
     try:
         seal = json.loads((out / SEAL).read_bytes())
         return str(seal[KNOWN]), dict(seal["files"])
@@ -350,12 +348,12 @@ def _sealed(out: Path) -> tuple[str, dict[str, str]]:
 
 
 def _below(path: Path) -> list[Path]:
-    """Return the files of a variable; of a file, itself."""
+    """Return the files below a path, or the path itself if it is a file."""
     return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
 
 
 def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
-    """Return the checksums of those of the files that can be read."""
+    """Return the checksums of the readable ones among these files."""
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):

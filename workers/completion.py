@@ -1,7 +1,4 @@
-"""Complete a survey once all its tiles are there.
-
-The bound of one that is refined, then families, then levels, then certificates.
-"""
+"""Complete a survey once all its tiles are computed: its bound if it is refined, families, levels, certificates."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
-    """Return whether what follows from all tiles, which are there, is still to be made."""
+    """Return whether a survey with all its tiles still lacks its bound, families, levels or certificates."""
     return isinstance(request, SurveyRequest) and any(
         lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
     )
@@ -33,27 +30,27 @@ def complete(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Make what is lacking of it. The caller holds the store.
+    """Compute the missing parts of a survey with all its tiles. The caller holds the lock of the store.
 
     Parameters
     ----------
     each : Each
-        Does the tasks.
+        Runs the tasks.
     at_once : int
-        Tiles that it is given at a time to go through a round or to be moved, and parts of the attractors to be proved.
+        Number of tiles that it gets at a time for a round or for the join, and of parts of the attractors.
     on_proved : Callable[[int, int], None]
-        Told how many attractors are through, and how many there are.
+        Called with the number of finished attractors, and of all.
     should_pause : Callable[[], bool]
-        Asked after each time: whether the rest is left for another call.
+        Called after each group; if true, the rest is left for another call.
 
     Raises
     ------
     MissingExtraError
         Attractors are to be proved, and python-flint is not installed.
-    StorageError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    StorageError
+        The store cannot be written now.
     """
     if not isinstance(request, SurveyRequest):
         return
@@ -61,7 +58,7 @@ def complete(
         return
     if lacks_families(request, where):
         join_survey(request, where, each, at_once)
-    if lacks_levels(request, where):  # of slots as they are after the join
+    if lacks_levels(request, where):  # after the join, which changes slots
         make_levels(request, where, each)
-    if lacks_certificates(request, where):  # of attractors in their slots
+    if lacks_certificates(request, where):  # after the join, too: certificates name slots
         prove_survey(request, where, each, at_once, on_proved, should_pause)

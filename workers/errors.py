@@ -1,4 +1,4 @@
-"""Exceptions of a survey, under one base. The classes are names of `gear_rattle`, and say so."""
+"""Exceptions of a survey, under one base; the public package `gear_rattle` exports them."""
 
 import errno
 from collections.abc import Iterable, Iterator
@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from rattle import RattleError
 from rattle.errors import did_you_mean
 
-LONGEST = 80  # characters of a name in a message
+LONGEST = 80  # the most characters of a name in a message
 
 
 class SurveyError(RattleError):
-    """A survey that cannot be asked for, stored, run, opened or drawn; the message says what to do."""
+    """A survey cannot be requested, stored, run, opened or drawn; the message says what to do."""
 
     __module__ = "gear_rattle"
     code = "survey_error"
@@ -25,28 +25,28 @@ class StoppedError(SurveyError):
 
 
 class ClusterLostError(SurveyError):
-    """The cluster went away during a run. The survey is whole: another cluster resumes it."""
+    """The cluster went away during a run. The survey is whole: the same run on another cluster continues it."""
 
     __module__ = "gear_rattle"
     code = "cluster_lost"
 
 
 class StorageError(SurveyError):
-    """The disk is full, read-only or away. The survey is whole: it goes on once the store can be written again."""
+    """The disk is full, read-only or away. The survey is whole: it continues once the store is writable again."""
 
     __module__ = "gear_rattle"
     code = "storage_unavailable"
 
 
 class DamageError(SurveyError):
-    """Something of a survey that was computed cannot be read; it can be computed again."""
+    """A computed part of a survey cannot be read; it can be computed again."""
 
     __module__ = "gear_rattle"
     code = "store_damaged"
 
 
 def no_map(variable: str, maps: Iterable[str]) -> str:
-    """Return the sentence for a map that is not there: the one that was meant, or all that there are."""
+    """Return the message for a missing map: it suggests the one that was probably meant, or lists all."""
     known = sorted(maps)
     meant = did_you_mean(variable, known)
     return f"there is no map {variable[:LONGEST]!r}{meant or ': there are ' + ', '.join(known)}"
@@ -54,31 +54,31 @@ def no_map(variable: str, maps: Iterable[str]) -> str:
 
 @contextmanager
 def reading(what: str) -> Iterator[None]:
-    """Turn whatever file systems, object stores and codecs raise while numbers are read into DamageError."""
+    """Turn errors of file systems, object stores and codecs during a read into DamageError."""
     try:
         yield
     except (RattleError, MemoryError):
         raise
     except FileNotFoundError as error:
         raise DamageError(
-            f"{what} cannot be read, for its store is gone ({error}): bring it back, or the command that made it, or "
-            "POST /v1/surveys/ID/verify, computes it anew"
+            f"{what} cannot be read because its store is gone ({error}): restore it, or compute it again with the "
+            "command that made it or with POST /v1/surveys/ID/verify"
         ) from error
     except Exception as error:
         raise DamageError(
-            f"{what} cannot be read ({str(error) or type(error).__name__}): if its store is damaged, the command that "
-            "made it, or POST /v1/surveys/ID/verify, computes again what is"
+            f"{what} cannot be read ({str(error) or type(error).__name__}): if its store is damaged, repair it with "
+            "the command that made it or with POST /v1/surveys/ID/verify"
         ) from error
 
 
-#: What may pass without anybody touching the survey itself.
+#: Causes that may pass while the survey itself stays as it is.
 _PASSING = {
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 }  # fmt: skip
 
 
 def storage_error(what: str, error: OSError) -> SurveyError:
-    """Return the exception for a write that the system refused: a StorageError if that may pass."""
+    """Return the exception for a write that the system refused: a StorageError if the cause may pass."""
     if error.errno in _PASSING:
-        return StorageError(f"{what} ({error}): make room or make it writable, and the same survey goes on")
-    return SurveyError(f"{what} ({error}): make it writable, or choose a path that is")
+        return StorageError(f"{what} ({error}): free space or make it writable, and the same survey continues")
+    return SurveyError(f"{what} ({error}): make it writable, or choose another path")

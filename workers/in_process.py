@@ -1,4 +1,4 @@
-"""Surveys of a few seconds, in this process: to start a cluster takes longer."""
+"""Run a survey of a few seconds in this process, since starting a cluster takes longer."""
 
 import math
 import threading
@@ -17,14 +17,14 @@ from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRe
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS
 
-#: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
+#: Milliseconds of a cell, in round numbers, so that a command behaves alike on all machines.
 CLOSED_FORM, SAMPLE, BASINS = 0.05, 1 / 64, 40.0
 SLOW_BELOW = 0.3  # δ: transients last some multiple of 1/δ
 FEW_SECONDS = 3.0
 
 
 def is_short(request: AnyRequest, cells: int) -> bool:
-    """Return whether so many cells of a survey take a few seconds at most, by their number and kind."""
+    """Return whether so many cells of a survey take a few seconds at most, estimated by their number and kind."""
     groups, whole = set(request.quantities), MODELS[request.model].cell_milliseconds
     if isinstance(request, PopulationRequest):
         samples = SAMPLE * request.samples / request.n_cells if whole is None else whole
@@ -47,14 +47,15 @@ def run_tiles_here(
 ) -> None:
     """Compute tiles of a created store, one after the other, until all are written or `should_stop` says so.
 
-    As `run_tiles`, to the bit, but without its protection: a cell that kills its process ends this one.
+    The results are those of `run_tiles`, to the bit, but without its protection: a cell that kills its process ends
+    this one.
 
     Parameters
     ----------
     on_tile : Callable[[TileRecord], None]
         Called in this thread, with each tile that has been written.
     should_stop : Callable[[], bool]
-        Asked several times a second. After a stop this returns within seconds, whatever a tile takes.
+        Called several times a second. After it returns true this returns within seconds, even in a slow tile.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def run_tiles_here(
                 break
             try:
                 values, record = compute_tile(request, tile)
-                if left.is_set():  # nobody holds the store any more
+                if left.is_set():  # the store is no longer locked
                     break
                 record = replace(record, files=write_tile(request, str(place), tile, values))
             except Exception as error:

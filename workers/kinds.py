@@ -1,4 +1,4 @@
-"""Handle surveys and populations alike: computed tile by tile into a store, by their request."""
+"""Handle surveys and populations alike: their request decides how tiles and stores are made."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ AnyTile = Tile | GearTile
 
 
 def request_of(document: Any) -> AnyRequest:
-    """Read the request that a job or a store holds. Raises ValidationError."""
+    """Read the request in the document of a job or a store. Raises ValidationError."""
     kind = PopulationRequest if isinstance(document, dict) and "gear" in document else SurveyRequest
     return kind.model_validate(document)
 
 
 def tiles_of(request: AnyRequest) -> list[Any]:
-    """Return the tiles that cover what is to be computed, in the order of their index."""
+    """Return the tiles that cover all cells, in the order of their index."""
     found: list[Any] = _tiles(request).tiles_of(request)
     return found
 
 
 def compile_for(request: AnyRequest) -> None:
-    """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
+    """Compile the kernels that tiles need, unless they are compiled: stored numbers come from loaded kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
         rattle.precompile(preload=False, optional=by_request, **request.added_numbers)
@@ -53,12 +53,12 @@ def compute_tile(
     Parameters
     ----------
     outcomes : Iterable[CellOutcome] | None
-        Of the cells, in their order, if they come from elsewhere.
+        Outcomes of the cells, in their order, if they are computed elsewhere.
 
     Returns
     -------
     tuple[TileArrays, TileRecord]
-        Arrays of the tile, and its record.
+        Arrays by name over the tile, and its record.
     """
     compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)
@@ -68,31 +68,31 @@ def compute_tile(
 def cell_outcomes(
     request: AnyRequest, tile: AnyTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
-    """Evaluate each cell of a tile alone from number `first`, so that one which fails is the only one lost."""
+    """Evaluate each cell of a tile alone, from number `first`, so that a failing cell does not affect the others."""
     compile_for(request)
     found: Iterator[CellOutcome] = _tiles(request).cell_outcomes(request, tile, first, failing)
     return found
 
 
 def template_of(request: AnyRequest, created: str | None = None) -> Template:
-    """Return what the store consists of before its first tile; the date of its creation is now by default."""
+    """Return the files of a store before its first tile; the date of its creation is now by default."""
     found: Template = _template(request).template_of(request, created)
     return found
 
 
 def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return what tiles write to, in memory: where it is kept, the arrays, and the key of each variable's chunks."""
+    """Return empty arrays of a tile in memory: their files, the arrays, and the key of each variable's chunks."""
     found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
     return found
 
 
 def described(request: AnyRequest, tile: AnyTile) -> str:
-    """Return how messages name a tile."""
+    """Return the name of a tile in messages."""
     return str(_tiles(request).described(request, tile))
 
 
 def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
-    """Return where a failed cell is: along the axes of the grid, or the row of the gear."""
+    """Return the position of a failed cell: indices along the axes of the grid, or the row of the gear."""
     if isinstance(request, PopulationRequest):
         return {"gear": j}
     along, i = divmod(i, request.shape[0])
@@ -100,7 +100,7 @@ def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
 
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
-    """Return what a run raises for a tile that could not be computed or written."""
+    """Return the exception of a run for a tile that could not be computed or written."""
     what = described(request, tile)
     if isinstance(error, StorageError):
         return StorageError(f"{what} cannot be written: {error}")

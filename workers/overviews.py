@@ -1,4 +1,4 @@
-"""The levels of a survey, made after its tiles and what moves them: by blocks, whose tasks may run anywhere."""
+"""Make the levels of a survey after its tiles and its join, by blocks whose tasks may run anywhere."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from rattle.attractors import PERIODIC
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether levels of a survey, whose tiles are all there and joined, are still to be made."""
+    """Return whether a survey whose tiles are all there and joined still needs levels."""
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
 def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
-    """Make the levels of a survey whose tiles are as they will be, and store them.
+    """Build and store the levels of a survey whose tiles are final.
 
-    The caller holds the store. The result is a function of what the cells hold: neither the tiles' shape nor an order
-    shows. A run that was killed meanwhile leaves a survey without levels, whose levels are made anew.
+    The caller holds the lock of the store. The result is a function of the cells alone: neither the shape of tiles nor
+    their order changes it. A run that was killed leaves a survey without levels, which are then built anew.
 
     Raises
     ------
-    StorageError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    StorageError
+        The store cannot be written now.
     """
     place = place_of(where)
     found = each(make_block, request, str(place), [(block,) for block in level_blocks(request)])
@@ -52,7 +52,7 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
 
 
 def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
-    """Write a block of all levels. Returns the digests of what was written, by their keys. May be done twice."""
+    """Write a block of all levels, and return digests of the written chunks by key. May be repeated."""
     place = place_of(path)
     found: dict[str, str] = {}
     status = _read(place, block, "status")
@@ -74,7 +74,7 @@ def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
 
 
 def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
-    """Return the values of a block; of complex numbers the moduli."""
+    """Return the values of a block, moduli for complex variables."""
     parts = [_read(place, block, part.name) for part in quantity.parts]
     found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
     return found
@@ -83,7 +83,7 @@ def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
 def _chunks(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield the chunks of a variable: of each level, and of codes the arrays that tell of them."""
+    """Yield the chunks of a variable in each level, and for codes those of their shares and occurrences."""
     levels = levels_of(request.shape)
     arrays = level_arrays(quantity)
     beside = values.shape[:-2]
@@ -104,7 +104,7 @@ def _chunks(
 def _reduced(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield for each level the arrays of one map, as `level_arrays` has them."""
+    """Yield for each level the arrays of one map, in the order of `level_arrays`."""
     steps = steps_of(levels_of(request.shape))
     if words := meanings(quantity):
         yield from reduce.codes(values, known, steps, len(words))
@@ -114,6 +114,6 @@ def _reduced(
 
 
 def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
-    """Return the maps of an array in one."""
+    """Return the maps of a variable stacked into one array."""
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

@@ -1,4 +1,4 @@
-"""A survey from Python in one call."""
+"""Compute a survey from Python in one call."""
 
 from __future__ import annotations
 
@@ -39,40 +39,39 @@ def run_survey(
 ) -> xr.Dataset:
     """Compute a survey and open it: `run_survey(delta=(0.4, 1.0, 61), epsilon=(0.005, 0.3, 60), out="survey.zarr")`.
 
-    What is interrupted is resumed by the same call with the same `out`, and ends bit for bit the same; what is there
-    already is opened.
+    The same call with the same `out` resumes an interrupted survey, bit for bit, and opens a completed one.
 
     Parameters
     ----------
     request : SurveyRequest | Mapping[str, Any] | None
         What to compute, or fields of a `SurveyRequest`.
     out : str | Path | Place | None
-        Where its store is to be, a path or "s3://BUCKET/PREFIX"; by default nowhere: the values are in memory alone,
-        and an interrupted survey is lost.
+        The store, a path or "s3://BUCKET/PREFIX"; by default the values are kept in memory only, and an interrupted
+        survey is lost.
     cluster : str | Client | int | None
-        The URL of a dask scheduler or a client of it, whose workers see `out`; or how many processes to start here. By
-        default a survey of a few seconds is computed in this process, a longer one in two others.
+        The URL of a dask scheduler or a client of it, whose workers see `out`; or the number of processes to start
+        here. By default a survey of a few seconds runs in this process, a longer one in two others.
     progress : Progress | None
-        Called with the numbers of cells that are computed and that there are, again and again.
+        Called repeatedly with the number of computed cells and of all cells.
     fields
-        Of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
+        Fields of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
 
     Returns
     -------
     xr.Dataset
-        The open survey.
+        The open survey; with `out` its variables are read from the store when they are needed.
 
     Raises
     ------
     SurveyError
-        The request cannot be meant; something else is at `out`, or it cannot be written; no cluster.
+        The request is invalid, `out` holds something else or cannot be written, or there is no cluster.
     """
     wanted = _request(request, fields)
     if out is not None:
         require_certifiable(wanted, out)
         return _run(wanted, place_of(out), cluster, progress)
     if wanted.certify:
-        raise SurveyError("certificates lie beside a survey's store: give an out, or leave certify out")
+        raise SurveyError("certificates are stored beside a survey: give `out`, or leave out `certify`")
     with (
         tempfile.TemporaryDirectory(prefix="rattle-") as directory,
         _run(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Part(StrEnum):
-    """What can be measured."""
+    """A part of the measurements that can be run alone."""
 
     KERNEL = "kernel"
     CELL = "cell"

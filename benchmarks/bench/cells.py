@@ -1,7 +1,8 @@
-"""What the cells of a survey cost, by how near they are to the quiet limit, beside an older version.
+"""Measure the cost of a survey's cells, by how near they are to the quiet limit, beside an older version.
 
-Cells are drawn at random from the plane of Figure 7, as many from each class of ε over the quiet limit, and a class
-counts as often as it is met: the costly classes have few cells. Every class is one block, as a tile is.
+Cells are drawn at random from the plane of Figure 7, equally many from each class of ε over the quiet limit, and each
+class has the weight of its share of the plane: the costly classes have few cells. Every class is one block, as a tile
+is.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Cost:
-    """What one cell takes: milliseconds of the processor, impacts on Σ⁺."""
+    """Cost of one cell: milliseconds of the processor, impacts on Σ⁺."""
 
     milliseconds: float
     impacts: float
@@ -45,7 +46,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class Reference:
-    """What another version took on some processor, for COUNT initial conditions of PER_CLASS cells of every class."""
+    """Costs of another version on some processor, for COUNT initial conditions of PER_CLASS cells of every class."""
 
     version: str
     processor: str
@@ -82,7 +83,7 @@ F2F9D81 = Reference(
 
 
 def classes(per_class: int = PER_CLASS) -> list[Sampled]:
-    """So many random cells of every class, the same ones every time; if there are that many among those drawn."""
+    """Return so many random cells of every class, always the same ones; fewer if fewer were drawn."""
     import rattle
 
     rng = np.random.default_rng(7)
@@ -96,7 +97,7 @@ def classes(per_class: int = PER_CLASS) -> list[Sampled]:
 
 
 def taken(cells: Sampled, count: int = COUNT) -> Cost:
-    """What a cell of a class takes, once."""
+    """Measure the cost of a cell of a class once."""
     import rattle
 
     began = time.thread_time()
@@ -106,7 +107,7 @@ def taken(cells: Sampled, count: int = COUNT) -> Cost:
 
 
 def costs(sampled: Sequence[Sampled], count: int = COUNT) -> list[ClassCost]:
-    """What the classes cost, the least of several turns after one that is not counted; last the plane as a whole."""
+    """Return the costs of the classes, the least of several turns after a warm-up; last the whole plane."""
     turns = [[taken(each, count) for each in sampled] for _ in range(TURNS + 1)][1:]
     least = [min(each, key=lambda cost: cost.milliseconds) for each in zip(*turns, strict=True)]
     shares = np.array([each.share for each in sampled])

@@ -1,4 +1,4 @@
-"""What `make bench MEASURED=curves` measures."""
+"""Measure the tracing of curves, for `make bench MEASURED=curves`."""
 
 from __future__ import annotations
 

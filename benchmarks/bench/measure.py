@@ -1,6 +1,6 @@
-"""What `make bench` measures. A figure is the best of several turns: the machine can only make it slower.
+"""Measure the figures of `make bench`. A figure is the best of several turns, because load can only slow a turn.
 
-What is to be compared takes its turns one after the other, so that a machine that is busy for a while slows them all.
+Measurements to be compared take turns, so that a temporary load slows all of them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def workloads() -> dict[str, tuple[NDArray[np.float64], ...]]:
 
 
 def _arguments(name: str, thin: int) -> Arguments:
-    """What `rattle.iterate` takes, of every thin-th trajectory of a workload."""
+    """Return the arguments of `rattle.iterate`, for every thin-th trajectory of a workload."""
     tau, v, delta, epsilon = (np.ascontiguousarray(x[::thin]) for x in workloads()[name])
     return delta, epsilon, tau, v, IMPACTS[name]
 
@@ -172,7 +172,7 @@ def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
 
 
 def _workload_a(thin: int) -> Callable[[], list[float]]:
-    """What measures workload A once, in nanoseconds per impact: plain, with tangent."""
+    """Return a function that measures workload A once, in nanoseconds per impact: plain, with tangent."""
     import rattle
     from rattle.impacting.map.iterate import paths
 
@@ -270,7 +270,7 @@ class SurveyCost:
 
     @property
     def cells_per_second(self) -> float:
-        """Of all processes together."""
+        """Return the cells per second of all processes together."""
         return self.cells / self.seconds
 
     @property

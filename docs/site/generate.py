@@ -126,7 +126,7 @@ def _option(option: Any) -> str:
 
 
 def store() -> str:
-    """What is in a store, from the registry."""
+    """Return the page on the contents of a store, from the registry."""
     labels = ((f"`{name}`", each.long_name, ", ".join(map(str, each.values))) for name, each in COORDINATES.items())
     parts = [STORE, "## Dimensions", "", table(("dimension", "", "labels"), labels), SCALARS, ""]
     for group in (*Group, None):

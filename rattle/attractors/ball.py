@@ -101,12 +101,12 @@ def placed(centres, i, direction, radius):
 def contracts(tau, v, i, centres, point):
     """Return whether Π^k at this state has the Σ⁻ impacts of the orbit of centre i, and a contracting tangent.
 
-    The tangent contracts in its norm.
+    The tangent contracts in the norm of that orbit.
 
     Returns
     -------
-    result
-        Whether it contracts.
+    bool
+        False where v ≤ 0, where Π^k is not defined, or where either condition fails.
     """
     if not v > 0.0:
         return False
@@ -167,14 +167,14 @@ def fill_centres(grown, orbits, cells, whole, real):
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
-    """Return the `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius.
+    """Return the `Centres` of the orbits of every cell from number grown[cell] on.
 
-    0 where Π^k does not contract. Orbits with contact have none: what comes to contact tells where it goes.
+    Orbits with contact have none: the state after their contact tells which samples they attract.
 
     Returns
     -------
     Centres
-        Centres with their largest radii.
+        With the largest radius of each ball, 0 where Π^k does not contract.
     """
     number = np.arange(orbits.n_plus.shape[1])
     new = (number >= grown[:, None]) & (number < orbits.n[:, None])

@@ -88,7 +88,7 @@ class StatePlane:
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
-        """So many initial conditions."""
+        """Return τ and v (count,) of the initial conditions of a sample with speeds up to v_max."""
         tau, v = SampleSpec(count, v_max).states(self.parameters)
         return tau[0], v[0]
 
@@ -148,14 +148,14 @@ def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArra
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
-    """Return the cells (n_v, n_tau) with another label among their eight neighbours.
+    """Return the cells (n_v, n_tau) of which one of the eight neighbours has another label.
 
-    Speeds are not periodic, phases are if all of them are there.
+    The last phase is a neighbour of the first if all phases are there; speeds have ends.
 
     Returns
     -------
     NDArray[np.bool_]
-        True at the boundary.
+        (n_v, n_tau), True where labels differ.
     """
     wide = np.pad(labels, ((0, 0), (1, 1)), mode="wrap" if all_phases else "edge")
     wide = np.pad(wide, ((1, 1), (0, 0)), mode="edge")
@@ -271,7 +271,7 @@ def _by_cells(
 def basins(
     plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
-    """See `rattle.Gear.basins`."""
+    """Return the basins of `rattle.Gear.basins` for the states of this plane."""
     n = require_integer("resolution", resolution, 1, FINEST)
     v_max = require_number("v_max", v_max, positive=True)
     phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)

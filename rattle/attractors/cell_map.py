@@ -47,15 +47,14 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
 def find_groups(image, group, steps):
     """Follow every cell of the map to the periodic group that it ends in.
 
-    Its number and the steps until there are written, 0 on the group itself. group must be UNSEEN everywhere.
-
-    One pass: a chain of images is followed to a cell that is known, then written from its start. While it is on the
-    way, steps holds the positions of its cells.
+    The number of the group and the steps to it are written for each cell, 0 steps on the group itself; group must be
+    UNSEEN everywhere before. One pass: a chain of images is followed to a cell that is known, then written from its
+    start. While it is on the way, steps holds the positions of its cells.
 
     Returns
     -------
-    result
-        Number of groups.
+    int
+        Number of groups; they are numbered 0, 1, … in the order in which they were found.
     """
     groups = 0
     for start in range(image.size):
@@ -78,14 +77,12 @@ def find_groups(image, group, steps):
 
 
 def groups_of_map(image: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the periodic groups of a map of cells 0 … n − 1 (n,).
-
-    Each cell's group, its steps to it, each group's first cell. Groups are numbered by their first cells.
+    """Return the periodic groups of a map of cells 0 … n − 1 (n,), numbered by their first cells.
 
     Returns
     -------
-    tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
-        Group of each cell, steps to it, and the first cell of each group.
+    tuple of ndarray of int
+        Group of each cell (n,), steps of each cell to its group (n,), and the first cell of each group.
     """
     group, steps = np.full(image.size, UNSEEN), np.zeros(image.size, np.int64)
     n_groups = find_groups(image, group, steps)

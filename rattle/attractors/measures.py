@@ -1,4 +1,4 @@
-"""How intermixed basins are: where two results differ, basin entropy, and the uncertainty exponent of the boundary."""
+"""Measures of how basins mix: cells where two results differ, basin entropy, the boundary's uncertainty exponent."""
 
 from typing import NamedTuple
 
@@ -57,7 +57,7 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
     Returns
     -------
     NDArray[np.bool_]
-        True where the two differ.
+        (n, n), speed by phase as in `Basins.labels`.
 
     Raises
     ------
@@ -132,16 +132,14 @@ def _pairs(
 def power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
-    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width.
+    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms.
 
-    By least squares of logarithms with binomial weights.
-
-    Where the points scatter by more than counting explains, the error grows by that.
+    Weights are binomial; where the points scatter by more than counting explains, the half-width grows by that.
 
     Returns
     -------
     tuple[float, float]
-        The exponent and its half-width.
+        α and its half-width, both NaN where fewer than three sizes have enough uncertain pairs.
     """
     enough = uncertain >= FEWEST
     if enough.sum() < 3:
@@ -158,7 +156,7 @@ def power_law(
 
 
 def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncertainty:
-    """See `rattle.Gear.uncertainty`."""
+    """Return the uncertainty exponent of `rattle.Gear.uncertainty` for the states of this plane."""
     pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
     v_max = require_number("v_max", v_max, positive=True)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)

@@ -22,10 +22,10 @@ from rattle.parameters import Parameters
 
 @dataclass(frozen=True)
 class Reached:
-    """Destinations of states. attractors.
+    """The destinations of states.
 
-    By falling share of the states. which: index into them, of the shape of the states. impacts: on Σ⁺ until the end of
-    each was certain, −1 of chaotic and undecided ones.
+    attractors: by falling share of the states. which: index into them, of the shape of the states. impacts: on Σ⁺ until
+    the end of each was certain, −1 of chaotic and undecided ones.
     """
 
     attractors: tuple[Attractor, ...]
@@ -49,7 +49,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
 
 
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
-    """See `rattle.Gear.reached`."""
+    """Return what `rattle.Gear.reached` does, for the states of this plane."""
     phases, speeds, shape = states_of(tau, v)
     table, rows, impacts = classified(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
@@ -101,7 +101,7 @@ class Sampled:
         Returns
         -------
         tuple[Attractor, ...]
-            The attractors.
+            Each with its fraction of the sample and a 95 % interval of it.
         """
         table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return attractors_of_cell(table, table.samples)
@@ -147,15 +147,13 @@ class Sampled:
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
         """Return the attractors that states go to, distinguished as those of the sample in `attractors`.
 
-        Tau and v broadcast.
-
-        attractors: by falling share of these states; which: index into them, of the broadcast shape; impacts: until it
-        was certain. `rattle.sampled_states` makes states of a box or a density.
+        Tau and v broadcast; `rattle.sampled_states` makes states of a box or a density.
 
         Returns
         -------
         Reached
-            Attractors, and the index of each state's.
+            `attractors`, by falling share of these states; `which`, the index of each state's attractor, and `impacts`,
+            how many impacts it took until that was certain, both of the broadcast shape.
 
         Raises
         ------
@@ -185,7 +183,7 @@ class Sampled:
 
     @property
     def parameters(self) -> Parameters:
-        """Its parameters, arrays (1,)."""
+        """Return the parameters of this gear as arrays (1,)."""
         return Parameters.of(self._classifier.model, **{name: [value] for name, value in self._numbers.items()})
 
     @property

@@ -1,4 +1,4 @@
-"""From a trajectory that came back to where it was, to a stable orbit that its cell knows (compiled)."""
+"""Stable orbits that recurrent trajectories are on: how they are solved for, and found in a cell's list (compiled)."""
 
 import math
 from typing import Any
@@ -63,12 +63,11 @@ def first_return(tau, v, gap, point):
 def stable_orbit(tau, v, gap, most, point):
     """Return the stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
 
-    (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
-
     Returns
     -------
-    result
-        (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
+    tuple
+        (found, m, n₊, n₋, τ and v of its fastest point, both ln|multiplier|/m); numbers are 0 or NaN if it is not
+        found.
     """
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
@@ -95,8 +94,8 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
 
     Returns
     -------
-    result
-        Index of the orbit.
+    int
+        Index in the cell's row of `orbits`.
     """
     near = SAME_POINT * unit_at(point)
     for j in range(orbits.n[cell]):
@@ -123,7 +122,7 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """See `mark_footprints`."""
+    """Fill the arrays of `mark_footprints` in a compiled loop over its samples."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -191,13 +190,13 @@ def resolve(
 ) -> NDArray[np.int64]:
     """Find the orbits that recurrent samples go to: PERIODIC, or UNRESOLVED if there is none, to go on with a pause.
 
-    Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
-    grown[cell] on are, or while the cell has no room for one more.
+    Some samples must wait: what of a cell comes after an orbit without balls, as those from number grown[cell] on are,
+    or after the cell has no room for one more.
 
     Returns
     -------
     NDArray[np.int64]
-        Samples that wait, in their order.
+        Numbers of the samples that wait, in their order.
     """
     waiting = np.zeros_like(which)
     tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()

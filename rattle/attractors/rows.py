@@ -15,8 +15,8 @@ Counts = NDArray[np.int64]
 class Rows(NamedTuple):
     """Rows (n,), cell by cell, in each by kind and number.
 
-    Its cell, kind, number among those of its cell and kind, the first of its samples (the last of all, if it has none),
-    how many there are, the impacts of all and the least time of one.
+    A row has its cell, kind, number among those of its cell and kind, the first of its samples (the last of all, if it
+    has none), how many there are, the impacts of all and the least time of one.
     """
 
     cell: Any
@@ -38,14 +38,14 @@ def row_of_outcome(kind, which, orbits):
 
 @kernel
 def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
-    """Fill the columns of `rows_of`, zero before, and return how many rows there are.
+    """Fill the columns of `rows_of`, which are zero before.
 
     A cell has at most `orbits` orbits; room (2, places) is for the attractors met in it.
 
     Returns
     -------
-    result
-        Number of rows.
+    int
+        How many rows were filled.
     """
     at, seen, n = room[0], room[1], 0
     cells, places = known.size, at.size
@@ -89,8 +89,8 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
 def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
     """Return the `Rows` of samples, as many in each cell, cell by cell.
 
-    With their kind, the number of their attractor among those of its cell and kind, impacts and time; every cell also
-    has a row for each of so many known orbits. row is filled with that of every sample.
+    The samples are given by their kind, the number of their attractor among those of its cell and kind, impacts and
+    time; every cell also has a row for each of its known orbits. `row` is filled with the row of every sample.
 
     Returns
     -------

@@ -82,13 +82,13 @@ def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool
 def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
     """Return the largest speed of a sample in each of these cells (n,).
 
-    A number for all, "natural" for 1.5 √(16πδβ) + 2πε of each, None for 7 in the paper's plane and the natural one
-    elsewhere.
+    `v_max` is a number for all cells, "natural" for 1.5 √(16πδβ) + 2πε of each, or None for 7 in the paper's plane and
+    the natural one elsewhere.
 
     Returns
     -------
     Array
-        Largest speed in each cell.
+        (n,), dimensionless.
 
     Raises
     ------

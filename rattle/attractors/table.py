@@ -180,12 +180,12 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
 def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
     """Return one row for every attractor of every cell, and the row of every sample.
 
-    Missed: stable orbits that are known and that no sample went to have rows too.
+    With `missed`, stable orbits that are known and that no sample went to have rows too.
 
     Returns
     -------
     tuple[AttractorTable, NDArray[np.int64]]
-        The table, and the row of each sample.
+        The table, and indices of its rows, cell by cell in the order of the samples.
     """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits
@@ -244,14 +244,14 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
 
 
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """Return the rows of one cell's table, with fractions from numbers of samples (rows,).
+    """Return the attractors in the rows of one cell's table, with fractions from these numbers of samples (rows,).
 
-    These need not be the table's.
+    The numbers need not be those of the table.
 
     Returns
     -------
     tuple[Attractor, ...]
-        The attractors of the cell.
+        In the order of the rows.
     """
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)

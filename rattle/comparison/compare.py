@@ -184,14 +184,14 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
 
 
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
-    """Return the distance of two distributions of phases, each of which stands for so many impacts per period.
+    """Return the distance of two distributions of phases, which stand for rate_a and rate_b impacts per period.
 
     Around a circle the earth mover's distance is the mean of |F − G − its median| of the distribution functions.
 
     Returns
     -------
     float
-        The distance.
+        Dimensionless; impacts that only one of the two has count FARTHEST each.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

@@ -44,14 +44,14 @@ class MeasuredImpacts(NamedTuple):
 
 
 def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> MeasuredImpacts:
-    """Return impacts (n,) at rising times in forcing periods.
+    """Return measured impacts (n,) at rising times in forcing periods.
 
-    With speeds ≥ 0 of the model and walls ±1 where these are known.
+    Speeds ≥ 0, in the model's unit, and walls ±1 are given where they are known.
 
     Returns
     -------
     MeasuredImpacts
-        The impacts.
+        The checked columns, for `rattle.compare`.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
     Returns
     -------
     MeasuredImpacts
-        The impacts.
+        With times in forcing periods and speeds in the model's unit.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
     """Return the label (m, n₊, n₋) of impacts that repeat themselves; None if they do not.
 
-    The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+    It is that of the shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[i
     Returns
     -------
     tuple[int, int, int] | None
-        The label, or None.
+        Forcing periods, impacts on Σ⁺ and impacts on Σ⁻ of one repetition.
     """
     allowed = tolerance * float(time[-1] - time[0]) / (time.size - 1)
     found = []

@@ -76,14 +76,14 @@ class Fitting(NamedTuple):
 
 
 def fits(fitting: Fitting) -> list[Fit]:
-    """Return the walls, and phases 0, with which impacts fit a gear best, the best first.
+    """Return the walls, and phases 0, with which impacts fit a gear, the best first.
 
     The same times may be those of several motions, such as A and C.
 
     Returns
     -------
     list[Fit]
-        Fits, the best first.
+        By rising misfit.
     """
     few = fitting.listened
     rough = []
@@ -113,7 +113,7 @@ def _lowest(costs: Array) -> NDArray[np.int64]:
 
 
 def _good(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
-    """Those whose misfit is not above the least by more than a margin, the best first."""
+    """Return the fits whose misfit is not above the least by more than a margin, the best first."""
     found = sorted(found, key=lambda each: each.misfit)
     times, more = margin
     return [each for each in found if each.misfit <= times * found[0].misfit + more]

@@ -32,7 +32,7 @@ SMALL_DAMPING = 0.25  # below it δ and ε are solved for relative to it, above 
 def plane_scale(delta: float) -> float:
     """Return the scale of differences of δ and ε near this damping.
 
-    Where it is small motions change with their ratios to it.
+    At small damping motions change with the ratios of δ and ε to it.
 
     Returns
     -------
@@ -127,14 +127,14 @@ def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -
 
 
 def _diverges(i: int, size: Any, last: Any) -> Any:
-    """Return whether correction number i, of this size after one of the last, is given up.
+    """Return whether correction number i of Newton's method, of this size after one of the last, is given up.
 
-    Of one solution or of several.
+    Sizes are numbers, or arrays for several solutions at once.
 
     Returns
     -------
     Any
-        True if it is given up.
+        bool, or an array of bool of the sizes' shape.
     """
     return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
 
@@ -145,14 +145,12 @@ def _has_converged(size: Any, last: Any) -> Any:
 
 
 def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
-    """Return the solutions near guesses (k, N + 1) that have their unknown number `index`, all at once.
-
-    NaN where is none.
+    """Return the solutions near guesses (k, N + 1) that keep the guesses' unknown number `index`, all at once.
 
     Returns
     -------
     Array
-        Solutions (k, N + 1).
+        (k, N + 1), a row of NaN where there is no solution.
     """
     x, found = guesses.copy(), np.full(guesses.shape, np.nan)
     fixed = np.zeros(x.shape[-1])
@@ -203,12 +201,12 @@ def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Arra
 def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
     """Return the tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent.
 
-    It is one and the same all along a curve, and the other on a neighbour that nearly crosses it.
+    The sign stays the same all along a curve, and is the other one on a neighbour that nearly crosses it.
 
     Returns
     -------
     tuple[Array, float]
-        Unit tangent, and the sign.
+        Unit tangent (N + 1,), and +1.0 or −1.0.
     """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
@@ -247,13 +245,13 @@ def last_inside(
 ) -> tuple[Array, Array]:
     """Return the last admissible solution between a (admissible) and b (not), and the first that is not.
 
-    By bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
-    as b may be a solution of another branch, and are shorter.
+    They are found by bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps
+    follow the tangent, as b may be a solution of another branch, and are shorter.
 
     Returns
     -------
     tuple[Array, Array]
-        The admissible solution and the next one that is not.
+        Two solutions (N + 1,) that differ by rounding.
     """
     inside, outside, share = a, b, 0.5
     for _ in range(MOST_BISECTIONS):
@@ -380,14 +378,14 @@ class Follower:
 def root_between(
     problem: ContinuationProblem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
-    """Return the solution between a and b at which a test function vanishes, or None.
+    """Return the solution between a and b at which a test function vanishes, or None if it cannot be found.
 
-    The function changes sign there; to this share of the way.
+    The function changes sign between a and b; the place is found to the share `tolerance` of the way.
 
     Returns
     -------
     Array | None
-        The solution, or None.
+        (N + 1,).
     """
 
     def value(share: float) -> float:

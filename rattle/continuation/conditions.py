@@ -41,7 +41,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     Returns
     -------
     ContinuationProblem
-        The equations.
+        Equations and derivatives, for pseudo-arclength continuation.
 
     Raises
     ------

@@ -241,7 +241,7 @@ def pieces(
     Returns
     -------
     list[CurvePiece]
-        The pieces.
+        In the order of the starts.
     """
     found: list[CurvePiece] = []
     twins = partial(_periods_later, times)

@@ -55,7 +55,7 @@ class HasParameters(Protocol):
 
     @property
     def parameters(self) -> Array:
-        """Those of the segment, (…, d)."""
+        """Return the parameters (…, d), in the order of the segment's."""
 
 
 class IsEvent(HasParameters, Protocol):
@@ -273,12 +273,12 @@ def _close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
 def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches that no sample found, and whether the sweeps missed one of their motions.
 
-    They know it from here on.
+    The sweeps know these motions from here on.
 
     Returns
     -------
     tuple[list[BranchPiece], bool]
-        The parts, and whether a sweep missed one at a step.
+        The parts, and True if a sweep missed one at a step.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):

@@ -53,7 +53,7 @@ class FollowedBranch(ABC):
     @property
     @abstractmethod
     def departures(self) -> Array:
-        """When the motions leave the walls (k, n)."""
+        """Return the times at which the motions leave the walls (k, n), in forcing periods."""
 
     @property
     @abstractmethod
@@ -67,12 +67,12 @@ class FollowedBranch(ABC):
 
     @property
     def m(self) -> int:
-        """Their forcing periods."""
+        """Return the forcing periods of the branch's motions."""
         return self.itinerary.m
 
     @property
     def beta(self) -> float:
-        """Their half-backlash."""
+        """Return the half-backlash of the branch's motions."""
         return self.itinerary.beta
 
     @property

@@ -23,7 +23,7 @@ Motion = tuple[Any, Array]  # its itinerary; its n unknowns, then the d paramete
 
 @dataclass(frozen=True)
 class Segment:
-    """From start to end, parameters (d,) with δ and ε first; a position on it is a fraction of the way."""
+    """A segment from `start` to `end`, parameters (d,) with δ and ε first; positions on it are fractions of the way."""
 
     start: Array
     end: Array
@@ -47,9 +47,10 @@ class Segment:
 
 @dataclass(frozen=True)
 class Motions(ABC):
-    """One model along a segment. A step is a point of it, its parameters by name; many are `Parameters` (n,).
+    """The periodic motions of one model along a segment, as a bifurcation diagram needs them.
 
-    Branches and events are the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
+    A step is a point of the segment, its parameters by name; many steps are `Parameters` (n,). Branches and events are
+    the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
     """
 
     segment: Segment

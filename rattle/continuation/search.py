@@ -1,4 +1,4 @@
-"""All branches of periodic motions along a segment of parameters that lead to one another, each once.
+"""The search for all branches of periodic motions along a segment of parameters that lead to one another, each once.
 
 From every motion given, its branch; from every flip of it the doubled branch, and back; from every graze the branch of
 the motion with that impact or without it. A motion is on a known branch if it is a solution between two of its points.

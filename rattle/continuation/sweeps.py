@@ -200,7 +200,7 @@ class Sweeps:
     def _impacts(
         self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """So many states (size,) from each visit's on: number of the visit, τ, v, in the order of the visits."""
+        """Return `size` (n,) states that follow each visit: number of the visit, τ, v, in the order of the visits."""
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
         owner, order, tau, v = [], [], [], []
         which, (t, speed) = np.arange(size.size), states.T

@@ -1,4 +1,4 @@
-"""One motion, one number over the plane: the attractors of a grid of cells, joined between neighbours."""
+"""Families: attractors of a grid of cells joined between neighbours, so one motion has one number over the plane."""
 
 from rattle.families.join import in_order, joined, together
 from rattle.families.pieces import GridPiece, connected, entering, no_attractors

@@ -50,14 +50,14 @@ def families_over(
 def joined(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: AttractorTable, cells: Any
 ) -> Families:
-    """Return the families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
+    """Return the families of the attractors of cells `epsilon` (m,) × `delta` (n,) with `count` samples each.
 
-    Row by row of the grid; cells: as kernels take them.
+    The table and `cells`, as kernels take them, go row by row of the grid.
 
     Returns
     -------
     Families
-        The families and the cells' attractors.
+        Numbers of families, and the cells' attractors with the orbits that entered from neighbours.
     """
     attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
     return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
@@ -68,12 +68,10 @@ def joined_rows(
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
     """Return the table of the cells of a grid with the orbits that entered them.
 
-    Also whether each row did (rows,), and its family (rows,).
-
     Returns
     -------
     tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
-        The table, the flags and the families.
+        The table, whether each of its rows entered (rows,), and the family of each row (rows,).
     """
     return _joined(table, shape, cells)[:3]
 
@@ -98,14 +96,14 @@ def together(*tables: AttractorTable) -> AttractorTable:
 
 
 def in_order(table: AttractorTable) -> NDArray[np.int64]:
-    """Return the order of rows (rows,).
+    """Return the order of rows (rows,): cell by cell, in each by falling number of samples.
 
-    Cell by cell, in each by falling number of samples, and nothing but what they are.
+    Ties are broken by what the attractors are, and by nothing else.
 
     Returns
     -------
     NDArray[np.int64]
-        Order of the rows.
+        Indices (rows,) that sort the table.
     """
     keys = (table.tau, table.v, table.n_minus, table.n_plus, table.m, table.kind, -table.samples, table.cell)
     return np.lexsort(keys)
@@ -178,14 +176,15 @@ def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, o
 
 
 def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells.
+    """Return pairs of orbits, twice (pairs,), of the first n that are one orbit in neighbouring cells.
 
-    Each leads to the other, or one does in STEPS steps, which tell a continued orbit from a jump to another one.
+    Each orbit of a pair leads to the other, or one does in STEPS steps, which tell a continued orbit from a jump to
+    another one.
 
     Returns
     -------
     tuple[NDArray[np.int64], NDArray[np.int64]]
-        First and second of each pair.
+        Number of the first and of the second orbit of each pair.
     """
     to = orbits.to[:n].astype(np.int64)
     to[to >= n] = NOWHERE
@@ -220,7 +219,7 @@ def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64],
     Returns
     -------
     NamedTuple of ndarray
-        n·k cells, line by line.
+        n·k cells, line by line, as kernels take them.
     """
     return type(cells)._make((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in cells)
 
@@ -243,7 +242,7 @@ def room_for(n: int, n_cells: int) -> Linked:
 
 
 def longer(orbits: Linked) -> Linked:
-    """With half as much room again."""
+    """Return the same orbits in arrays with half as much room again."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
     return Linked._make(wider)._replace(last=orbits.last)

@@ -43,10 +43,9 @@ class GridPiece:
 def entering(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """Return the orbits that enter the cells of a piece of a grid with so many columns.
+    """Return the orbits that enter the cells of a piece of a grid with `columns` columns.
 
-    Those of its attractors, and of those beside it, are continued in it until nothing new is found.
-
+    Orbits of the attractors inside the piece, and of those beside it, are continued in it until nothing new is found.
     Rows of one cell are side by side.
 
     Parameters
@@ -57,7 +56,7 @@ def entering(
     Returns
     -------
     AttractorTable
-        The entering orbits.
+        A row for each orbit and each cell that it enters.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
@@ -67,14 +66,12 @@ def entering(
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
     """Return numbers (rows,) that join the attractors of a complete grid, as `components` has them.
 
-    A grid that has everything that enters it.
-
-    Table: in their order.
+    The table has everything that enters its cells, in the order of its cells.
 
     Returns
     -------
     NDArray[np.int64]
-        Number of each row's component.
+        (rows,), the number of each row's component.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -87,12 +87,10 @@ def orbit_at_point(tau, v, cell, k, near, orbits):
 def labelled(tau, v, k, orbits, point):
     """Return whether the orbit through a point that Newton's method has found is stable and labelled as orbit k.
 
-    With the logarithms of its multipliers.
-
     Returns
     -------
-    result
-        The answer, and the two logarithms.
+    tuple
+        The answer, and the logarithms of both multipliers, NaN where it is no.
     """
     n_plus = np.int64(orbits.n_plus[k])  # as others call `power_map`, which is then compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
@@ -115,14 +113,14 @@ def settled(tau, v, n_plus, point):
 
 @kernel
 def followed(k, here, there, orbits):
-    """Follow orbit k from one parameter point to another: (found, τ, v).
+    """Follow orbit k from one parameter point to another.
 
     A step for which Newton's method fails is halved. Between the points the orbit has to attract, with its label.
 
     Returns
     -------
-    result
-        (found, τ, v) at the end.
+    tuple
+        (found, τ, v) at the second point.
     """
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0

@@ -100,13 +100,13 @@ def add_sums(parts: Iterable[Sums]) -> Sums:
 def numbers_of(sums: Sums) -> Integers:
     """Return the family of each component, which indexes it, −1 too.
 
-    By falling number of cells, where these are equal by their first attractors. So nothing but the cells decides a
-    number.
+    Families go by falling number of cells, and where these are equal by their first attractors, so that nothing but the
+    cells decides a number.
 
     Returns
     -------
     Integers
-        Family of each component.
+        (components,), 0 for the family with most cells.
     """
     others = np.flatnonzero(sums.component != QUIET_FAMILY)
     order = others[np.lexsort((sums.place[others], sums.first[others], -sums.cells[others]))]

@@ -67,9 +67,9 @@ class Families:
 
 
 def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
-    """Return the table of families of cells `epsilon` (m,) × `delta` (n,) with so many samples each.
+    """Return the table of families of cells `epsilon` (m,) × `delta` (n,) with `count` samples each.
 
-    From the sums of all cells.
+    It is made from the sums of all cells.
 
     Returns
     -------

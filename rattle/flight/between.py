@@ -52,12 +52,12 @@ def lag(x, s, pull):
 def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
     """Return the flight from time t0 to time t1 over a distance, in the order of `Flights`.
 
-    Turn0 and turn1 are sine and cosine of these phases. Not finite if it takes no time.
+    Turn0 and turn1 are sine and cosine of these phases.
 
     Returns
     -------
-    result
-        The flight; not finite if it takes no time.
+    tuple
+        The numbers of `Flights`, not finite if the flight takes no time.
     """
     (sin0, cos0), (sin1, cos1) = turn0, turn1
     s = t1 - t0

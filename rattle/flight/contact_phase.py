@@ -28,12 +28,12 @@ LOW = 2.0 * (1.0 - SHARE) ** 2  # v²/(gap × force) up to which a bounce stays 
 def is_captured(speed, force, largest_invariant):
     """Return whether the bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
 
-    V³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
+    It is where v³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
 
     Returns
     -------
-    result
-        True if it is certain.
+    bool
+        False means that it is not certain yet.
     """
     return speed * speed * speed <= largest_invariant * force
 
@@ -62,14 +62,13 @@ def chatter_completes(speed, pressing, gap, capture):
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """Return whether the motion does not leave the wall.
 
-    No speed into the gap, and a contact force that presses on the wall.
-
-    A graze arrives with no speed and leaves at once, because the force points into the gap.
+    It stays with no speed into the gap and a contact force that presses on the wall. A graze arrives with no speed and
+    leaves at once, because the force points into the gap.
 
     Returns
     -------
-    result
-        True if it stays.
+    bool
+        True in contact.
     """
     if wall * w < -SLOWEST:
         return False

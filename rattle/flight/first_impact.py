@@ -45,12 +45,12 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
     """Return the step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
 
     The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
-    F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
+    F''/2F', F‴/6F', F⁗/24F'.
 
     Returns
     -------
-    result
-        The step u.
+    tuple[float, bool]
+        u in forcing periods, and whether what is left out is below 2e-15 s.
     """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -83,12 +83,10 @@ def stepped(u, f1, lost, sin1, cos1, flight):
 def proven_impact(wall, tau, flight, beta):
     """Return the first impact by the stages that a block of lanes runs.
 
-    (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
-
     Returns
     -------
-    result
-        (proved, next wall, s, F', 1 − e^(−δs), sin, cos).
+    tuple
+        (proved, next wall, s, F', 1 − e^(−δs), sin, cos), sine and cosine of 2π times the phase of arrival.
     """
     wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
@@ -122,8 +120,8 @@ def root_in(lo, hi, guess, level, rising, flight):
 
     Returns
     -------
-    result
-        Time of the crossing.
+    float
+        Time since the departure, in forcing periods.
     """
     s = guess
     if not (lo < s < hi):
@@ -205,10 +203,9 @@ def end_of_piece(s, longest, tau, arc):
 def searched_crossing(tau, flight, lower, upper):
     """Return the first crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards.
 
-    By pieces on which e^(δs) F' is monotone, so that F has one extremum at most.
-
-    The pieces end where the contact force changes sign, and at least four times a period; each is cut at its extremum,
-    and the first monotone part that reaches a level holds the crossing.
+    The search goes by pieces on which e^(δs) F' is monotone, so that F has one extremum at most. The pieces end where
+    the contact force changes sign, and at least four times a period; each is cut at its extremum, and the first
+    monotone part that reaches a level holds the crossing.
 
     Returns
     -------
@@ -253,13 +250,10 @@ def safe_impact(wall, tau, flight, beta):
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """Return the first impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 
-    Returns (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at
-    arrival).
-
     Returns
     -------
-    result
-        (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase).
+    tuple
+        (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at arrival).
     """
     flight = leaving(tau, w, delta, epsilon, drift)
     if delta > 0.0:

@@ -196,8 +196,8 @@ def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
 
     Returns
     -------
-    result
-        Both derivatives.
+    tuple[float, float]
+        ∂F/∂t₀ and ∂F'/∂t₀.
     """
     force = TWO_PI * TWO_PI * epsilon
     return f_w * force * cos0 - slope_loss(sin0, cos0, sin1, cos1, epsilon), force * (decay * cos0 - cos1)
@@ -246,12 +246,12 @@ def swings_beyond(share, delta, epsilon):
 def relative_force(swing, share):
     """Return the contact force over its mean, at half a period times this share from the phase of the least one.
 
-    From its `relative_swing`.
+    `swing` is the force's `relative_swing`.
 
     Returns
     -------
-    result
-        The ratio.
+    float
+        Negative where the force points into the gap.
     """
     return 1.0 - swing * math.cos(math.pi * share)
 
@@ -285,8 +285,8 @@ def negative_arc(delta, epsilon):
 
     Returns
     -------
-    result
-        The arc.
+    Arc
+        Its first field is False, and the others 0, if the force keeps its sign.
     """
     largest = contact_force_swing(delta, epsilon)
     mean = abs(delta) * DRIFT

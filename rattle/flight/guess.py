@@ -74,7 +74,15 @@ def in_single(flight):
 
 @inline
 def first_guess(wall, gap, inverse_delta, flight):
-    """From Σ⁺ about where the ball turns back, from Σ⁻ about where it arrives; the mean force of the way decides."""
+    """Return a first guess of a flight's time: from Σ⁺ to where the ball turns back, from Σ⁻ to where it arrives.
+
+    The mean force of the way decides.
+
+    Returns
+    -------
+    float
+        Time since the departure, in forcing periods.
+    """
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
@@ -92,14 +100,14 @@ def first_guess(wall, gap, inverse_delta, flight):
 
 @inline
 def better_guess(s, wall, gap, flight):
-    """Return one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
+    """Return the time after one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
 
-    At most to half or twice the time.
+    The step goes at most to half or twice the time.
 
     Returns
     -------
-    result
-        The better time.
+    float
+        Time since the departure, in forcing periods.
     """
     f0, f1, f2, _l, _s, _c = evaluate32(s, flight)
     turning, arriving = f1 / max(f2, f32(0.2) * Q * flight.delta), (f0 - gap) / max(f1, f32(0.1))
@@ -214,11 +222,11 @@ def refined(s, level, flight):
 def scanned(s0, s, wall, gap, scan, flight):
     """Return a scan for the last turning point and the end of a flight, with one more point s after s0.
 
-    Both by linear interpolation.
+    Both are found by linear interpolation.
 
     Returns
     -------
-    result
+    Scan
         The scan with this point.
     """
     f0, g0, turned, turn, ended, falls, end = scan

@@ -41,13 +41,13 @@ def arrival_part(w):
 
 @inline
 def impact_mismatch(before, after):
-    """By how much a velocity of departure is off the one that the law makes of the arrival: 0 at an impact."""
+    """Return by how much a velocity of departure differs from what the law makes of the arrival: 0 at an impact."""
     return after + arrival_part(before)
 
 
 @inline
 def impulse_of(speed):
-    """By how much an impact turns Φ' away from the wall, from the speed of arrival."""
+    """Return by how much an impact turns Φ' away from the wall, from the speed of arrival."""
     return 2.0 * speed
 
 
@@ -78,14 +78,14 @@ class ImpactLaw:
     chatter_completes: bool = False
 
     def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:  # noqa: ARG002
-        """Return the determinant e^(−δ time) of a motion of so many impacts in this time.
+        """Return the determinant e^(−δ time) of the tangent map of a motion that makes this number of elastic impacts.
 
-        It is the product of its multipliers.
+        It is the product of the motion's multipliers.
 
         Returns
         -------
         Any
-            The determinant.
+            float or array, of the broadcast shape.
         """
         return np.exp(-delta * time)
 

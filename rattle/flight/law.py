@@ -61,12 +61,12 @@ def wrapped(difference):
 def natural_speed(delta, epsilon, beta):
     """Return the speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700.
 
-    √(16πδβ) is reached across the gap under the drift, 2πε is the largest speed of the forcing.
+    √(16πδβ) is reached across the gap under the drift, 2πε the largest speed of the forcing.
 
     Returns
     -------
-    result
-        The speed.
+    float or ndarray
+        Of the broadcast shape, never infinite.
     """
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
     return np.minimum(across + largest_slope(np.minimum(epsilon, FASTEST)), FASTEST)

@@ -22,15 +22,7 @@ FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
 
 @inline
 def is_located(s, step, speed, flight):
-    """Return whether double precision may end what single precision began.
-
-    A short step, and an impact that is no graze.
-
-    Returns
-    -------
-    result
-        True if it may.
-    """
+    """Return whether double precision may end what single precision began: a short step, and an impact but no graze."""
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
     return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
 
@@ -54,13 +46,13 @@ def arc_ahead(tau, arc):
 def off_edges(to_exit, arc_length, delta):
     """Return whether rounding cannot confuse the side of the arc that the departure is on.
 
-    It is far from the ends of the arc, and the damping so small that rounding of these times, 1e-7, moves F' by less
-    than ERROR allows.
+    The departure is far from the ends of the arc then, and the damping so small that rounding of these times, 1e-7,
+    moves F' by less than ERROR allows.
 
     Returns
     -------
-    result
-        True if the side is certain.
+    bool
+        False means that the side is not certain.
     """
     return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 
@@ -69,15 +61,14 @@ def off_edges(to_exit, arc_length, delta):
 def single_turn(wall, rising, tau, s, turn, flight, arc):
     """Return whether F' certainly changes sign at most once before s, given its sign at s.
 
-    And e^(δs) F' grows between that change and the place where it seemed to be.
-
-    e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
-    its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
+    Also e^(δs) F' must grow between that change and the place where it seemed to be. It grows where the contact force g
+    is positive and falls on the phase arc where g < 0, if there is one. So its sign where the arc is entered and left,
+    which needs no new sine, settles its signs everywhere else.
 
     Returns
     -------
-    result
-        True if that is certain.
+    bool
+        False means that it is not certain.
     """
     w, a, sin0, _cos0, delta, epsilon = flight
     to_entry, to_exit, inside = arc_ahead(tau, arc)
@@ -108,8 +99,8 @@ def lowest_point(s, minimum, delta):
 
     Returns
     -------
-    result
-        The lower bound.
+    float
+        The bound, in the unit of F.
     """
     x = delta * s
     growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # over LATER e^(LATER x), for x < 2
@@ -124,8 +115,8 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
     Returns
     -------
-    result
-        True if that is certain.
+    bool
+        False means that it is not certain.
     """
     fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
     shallow = fastest * s * LATER < f32(0.9999) * gap
@@ -137,15 +128,14 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, on it and after it.
 
-    And touches neither wall before s.
-
-    Where e^(δs) F' is monotone, its values at the ends bound F' between them, so F lies above or below the lines of
-    these slopes through its own values at the ends: the two lines' crossing bounds the extremum.
+    It must also touch neither wall before s. Where e^(δs) F' is monotone, its values at the ends bound F' between them,
+    so F lies above or below the lines of these slopes through its own values at the ends: the two lines' crossing
+    bounds the extremum.
 
     Returns
     -------
-    result
-        True if that is certain.
+    bool
+        False means that it is not certain.
     """
     w, delta = flight.w, flight.delta
     to_entry, to_exit, inside = arc_ahead(tau, arc)

@@ -44,8 +44,8 @@ def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon
 
     Returns
     -------
-    result
-        The vector and the determinant.
+    tuple
+        (dt, dw) after the reflection, and the absolute value e^(−δs) w₀/w₁ of the determinant.
     """
     decay = 1.0 - lost
     f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon)

@@ -108,7 +108,7 @@ class Gear(Sampled, Rattling):
     def flip(self) -> float | None:
         """ε at which C loses stability at this damping (PDC, not in the paper).
 
-        None where it ends before, in grazing G1, or does not exist (`rattle.flip`).
+        It is None where C ends before, in grazing G1, or does not exist (`rattle.flip`).
         """
         return _number_or_none(flip(self.delta, self.beta))
 
@@ -123,17 +123,16 @@ class Gear(Sampled, Rattling):
         return capture_speed(self.delta, self.epsilon, self.beta)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
-        """Return the first impact after leaving a wall (+1: Φ = β, −1: Φ = −β) at this phase.
+        """Return the first impact after leaving a wall at this phase with this velocity into the gap.
 
-        With this velocity (into the gap).
-
-        Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises
-        ParameterError if wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+        Wall +1 is Φ = β, −1 is Φ = −β. Raises ParameterError if wall is not ±1, a number is not finite, or the velocity
+        is zero or points out of the gap.
 
         Returns
         -------
         FirstImpact
-            The impact.
+            (flight_time, next_wall, impact_velocity), the time in forcing periods; the velocity is the one before
+            reflection.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _phase(phase)
@@ -169,14 +168,14 @@ class Gear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
-        """Return the (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between.
+        """Return the (τ, v) that Π maps here, with the tangent matrix of Π⁻¹.
 
-        Raises as `impact`.
+        Raises the errors of `impact`.
 
         Returns
         -------
         Impact
-            The preimage, with its tangent.
+            τ, v and tangent of the preimage; `time` is the positive time between both.
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
@@ -194,7 +193,7 @@ class Gear(Sampled, Rattling):
         Returns
         -------
         tuple[float, float]
-            Phase τ and speed v.
+            Phase τ in [0, 1) and speed v ≥ 0.
 
         Raises
         ------
@@ -226,7 +225,7 @@ class Gear(Sampled, Rattling):
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
 
-        At points even times. In closed form.
+        They are given at points even times, in closed form.
 
         Returns
         -------
@@ -243,12 +242,12 @@ class Gear(Sampled, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺.
 
-        With its least period; see `periodic_orbit`.
+        It has its least period; see `periodic_orbit`.
 
         Returns
         -------
         PeriodicOrbit
-            The motion.
+            With its impacts, multipliers and stability.
         """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
@@ -261,9 +260,7 @@ class Gear(Sampled, Rattling):
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
-        """Return the least speed v < v_max of an impact that takes quiet motion to another attractor.
-
-        Over all phases τ.
+        """Return the least speed v < v_max of an impact that takes quiet motion to another attractor, at any phase.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
         limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, below δ = 0.3 in
@@ -271,17 +268,16 @@ class Gear(Sampled, Rattling):
         sampled state that no attractor could be told for, inf if there is none: such states do not count as another
         basin.
 
-        An upper bound: what is given is a speed that does lose quiet motion. At a smooth boundary it is exact to 1e-5.
-        Where basins are thin or fractal it was never above the least of a grid of 1000 phases and 15 speeds an octave
-        by more than 4 % at 55 points with β from 0.3 to 1.2, and by 38 % at one, where such states are one in 3000.
-        A basin with less than a thousandth of the plane may be missed altogether. Among long chaotic transients the
-        last bit of a state decides where it goes: not this one may leave, but one within 1e-12 of it. Raises
-        ParameterError.
+        The speed is an upper bound: it does lose quiet motion. At a smooth boundary it is exact to 1e-5. Where basins
+        are thin or fractal it was never above the least of a grid of 1000 phases and 15 speeds an octave by more than
+        4 % at 55 points with β from 0.3 to 1.2, and by 38 % at one, where such states are one in 3000. A basin with
+        less than a thousandth of the plane may be missed altogether. Among long chaotic transients the last bit of a
+        state decides where it goes: not this one may leave, but one within 1e-12 of it. Raises ParameterError.
 
         Returns
         -------
         BoundaryDistance
-            The speed with its bounds.
+            (v, tau, undecided), dimensionless, τ in forcing periods.
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))
@@ -292,16 +288,15 @@ class Gear(Sampled, Rattling):
         return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
-        """Return the grazing curve Γ.
+        """Return the grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10.
 
-        All (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring points are no further
-        apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's plane, v counts in
-        sevenths of the natural one (`basins`).
+        In its pieces neighbouring points are no further apart in (τ, v) than spacing (at least 1e-4). Where speeds are
+        not those of the paper's plane, v counts in sevenths of the natural one (`basins`).
 
         Returns
         -------
         tuple[GammaPiece, ...]
-            Pieces of Γ.
+            Arrays (n,) of τ, v and the time of touch for each piece.
 
         Raises
         ------
@@ -312,7 +307,7 @@ class Gear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """One finite phase folded into [0, 1)."""
+    """Return one finite phase folded into [0, 1)."""
     return float(law.folded(require_finite("phase", phase)))
 
 

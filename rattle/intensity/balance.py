@@ -27,8 +27,8 @@ MOST_IMPACTS = 1_000_000
 def imbalances(cell, returns, periods, tau, v, cells, sums, found):
     """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed.
 
-    Each is followed for so many returns or forcing periods (n,), by default of chaos where neither ends. Sums (1,
-    COLUMNS) is worked in.
+    Each motion is followed for `returns` or `periods` (n,), by default of chaos where neither ends. Sums (1, COLUMNS)
+    is worked in.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -44,7 +44,7 @@ def imbalances(cell, returns, periods, tau, v, cells, sums, found):
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
     """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,).
 
-    To rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one.
+    The error of a periodic attractor is exact to rounding; a chaotic one is followed for 64 forcing periods and 8/δ.
 
     Parameters
     ----------

@@ -15,6 +15,6 @@ def force_lines(point: Any) -> list[tuple[float, complex]]:
     Returns
     -------
     list of (float, complex)
-        The lines.
+        Frequencies in radians per forcing period, and complex amplitudes.
     """
     return Forcing(point.epsilon).lines(point.delta)

@@ -22,7 +22,7 @@ def impact_arrays(count: int) -> Impacts:
 
 
 def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
-    """See `Rattling.impacts`; the point as kernels take it."""
+    """Return the impacts of `Rattling.impacts`; the point is given as kernels take it."""
     kind = kind_of(motion)
     require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
@@ -61,7 +61,7 @@ def listed(
     Returns
     -------
     tuple
-        Status, τ, v, and `Impacts`.
+        Status, τ and v at the end, and `Impacts`, MOST_IMPACTS at most.
     """
     room = ROOM
     while True:

@@ -56,12 +56,12 @@ UNKNOWN = Errors(*(math.nan for _ in EXACT))
 
 @dataclass(frozen=True)
 class Intensity:
-    """How hard a motion rattles; dimensionless, per forcing period, which is a revolution of the eccentric gear.
+    """The loudness of a motion: dimensionless numbers per forcing period, which is a revolution of the eccentric gear.
 
     impacts_plus, impacts_minus: on Σ⁺ and Σ⁻ (stiff gear: contacts begun). mean_speed, largest_speed: of arrival; chaos
     may have larger ones than were seen. energy: Σv²/2 of arrival, which the impacts hand over; with restitution r they
-    keep (1 − r²) of it. contact: share of the time in contact (impacting gear: 1 if quiet, else 0). impulse: half of
-    Σ impulses on Σ⁺ less those on Σ⁻, for the impacting gear Σv₊ − Σv₋: 2πδ in every motion that lasts, 2πδ(1 + load)
+    keep (1 − r²) of it. contact: share of the time in contact (impacting gear: 1 if quiet, else 0). impulse: half of Σ
+    impulses on Σ⁺ less those on Σ⁻, for the impacting gear Σv₊ − Σv₋: 2πδ in every motion that lasts, 2πδ(1 + load)
     with a load, an audit. Quiet: 0 but for the last two. Undecided: NaN. A run of impacts that ends in contact counts
     as one impact, as its label does, with the speed of its fastest one in the mean; energy and impulse are summed over
     its infinitely many impacts.
@@ -82,16 +82,14 @@ class Intensity:
         return self.impacts_plus + self.impacts_minus
 
     def level(self, reference: float) -> float:
-        """Return the energy in dB relative to this energy per forcing period; −inf if nothing impacts.
+        """Return the energy in dB relative to this energy per forcing period.
 
-        Raises ParameterError.
-
-        A and C, one impact of speed 2πδ, have 2π²δ²: `natural_energy`.
+        Raises ParameterError. A and C, one impact of speed 2πδ, have 2π²δ²: `natural_energy`.
 
         Returns
         -------
         float
-            The level in dB.
+            dB; −inf if nothing impacts.
         """
         ratio = self.energy / require_number("reference", reference, positive=True)
         return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)
@@ -106,7 +104,7 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
-    """See `Rattling.intensity`; the point as kernels take it."""
+    """Return the numbers of `Rattling.intensity`; the point is given as kernels take it."""
     kind = kind_of(motion)
     if kind == "quiet":
         mean = force_lines(point)[0][1].real
@@ -149,14 +147,12 @@ def rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Return the half-widths of `Errors` in their order, each (…,), from sums (…, BATCHES, COLUMNS).
-
-    They are those of ratio estimates over batches.
+    """Return the half-widths of `Errors` in their order from sums (…, BATCHES, COLUMNS): ratio estimates over batches.
 
     Returns
     -------
     tuple[Array, ...]
-        The half-widths.
+        95 % half-widths, each (…,).
     """
 
     def half_width(column: Array, per: Array) -> Array:

@@ -29,7 +29,7 @@ class Motion(Protocol):
 
     @property
     def v(self) -> float:
-        """Its speed."""
+        """Return the motion's speed at the departure from Σ⁺."""
 
     @property
     def m(self) -> int:
@@ -84,12 +84,12 @@ def contacts_of(motion: Motion) -> int:
 def watched_periods(delta: float, periods: float | None) -> float:
     """Return the forcing periods of an observation.
 
-    By default so many that batches are long against the time in which motions forget.
+    The default is so long that batches are long against the time in which motions forget.
 
     Returns
     -------
     float
-        Number of forcing periods.
+        Forcing periods, the argument if it is one.
     """
     if periods is None:
         return BATCHES * max(BATCH, RELAXATIONS / delta)

@@ -21,7 +21,7 @@ class Rattling(ABC):
     @property
     @abstractmethod
     def _point(self) -> Any:
-        """Its parameters, as kernels take them."""
+        """Return the gear's parameters, as kernels take them."""
 
     @property
     def _stiffness(self) -> float:
@@ -38,15 +38,15 @@ class Rattling(ABC):
         Returns
         -------
         Intensity
-            The intensity.
+            Dimensionless, per forcing period; error bars are 0 where a motion is periodic or quiet.
         """
         return intensity(motion, self._point, periods)
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
-        """Return the impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on.
+        """Return the impacts of a motion on both walls in this number of forcing periods from the departure (τ, v) on.
 
-        Of a periodic one by default those of its period. Of a chatter that ends in contact those above rounding, the
-        last of which has the contact phase for its duration. Raises as `intensity`.
+        For a periodic motion the default is its period. Of a chatter that ends in contact, the impacts are those above
+        rounding, the last of which has the contact phase for its duration. Raises the errors of `intensity`.
 
         Returns
         -------
@@ -58,14 +58,14 @@ class Rattling(ABC):
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
         """Return the order spectrum of the contact force, from order 0 to the highest.
 
-        Periodic or quiet: its lines, exact, that of order 0 being −4πδ(1 + load): over elastic impacts at ±β
-        amplitude = (1/m) Σ ∓2v e^(−2πi order t). Chaotic: its density every 1/resolution, with its confidence, from 256
-        segments of `resolution` forcing periods. Raises as `intensity`.
+        Periodic or quiet: its lines, exact, that of order 0 being −4πδ(1 + load): over elastic impacts at ±β amplitude
+        = (1/m) Σ ∓2v e^(−2πi order t). Chaotic: its density every 1/resolution, with its confidence, from 256 segments
+        of `resolution` forcing periods. Raises as `intensity`.
 
         Returns
         -------
         Lines | Density
-            Lines of a periodic or quiet motion, the density of a chaotic one.
+            `Lines` of a periodic or quiet motion, the `Density` of a chaotic one.
         """
         return spectrum(motion, self._point, self._stiffness, highest, resolution)
 

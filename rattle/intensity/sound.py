@@ -21,7 +21,7 @@ LOUDEST = 32767 * 9 // 10  # of 16 bits
 def sound(
     motion: Motion, point: Any, stiffness: float, rpm: float, seconds: float, rate: int, ring: float, decay: float
 ) -> NDArray[np.float64]:
-    """See `Rattling.sound`; the point as kernels take it."""
+    """Return the samples of `Rattling.sound`; the point is given as kernels take it."""
     rpm, seconds = require_number("rpm", rpm, positive=True), require_number("seconds", seconds, positive=True)
     ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
     rate = require_integer("rate", rate, 1, MOST_SAMPLES)
@@ -58,7 +58,7 @@ def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
     Returns
     -------
     bytes
-        Bytes of the file.
+        One channel with its header.
 
     Raises
     ------

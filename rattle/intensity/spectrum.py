@@ -57,7 +57,7 @@ class Density(NamedTuple):
 
 
 def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resolution: int) -> Lines | Density:
-    """See `Rattling.spectrum`."""
+    """Return the spectrum of `Rattling.spectrum`; the point is given as kernels take it."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
     kind = kind_of(motion)
@@ -122,16 +122,15 @@ def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
 
 
 def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
-    """Welch's estimate over half overlapping segments under Hann's window.
+    """Return Welch's estimate over half overlapping segments under Hann's window.
 
-    The transform of the train itself, so that nothing is sampled and no order is folded onto another.
-
-    Degrees of freedom: Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
+    The transform is of the train itself, so that nothing is sampled and no order is folded onto another. Degrees of
+    freedom: Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
 
     Returns
     -------
     Density
-        The density, with its degrees of freedom.
+        With its degrees of freedom, from which its confidence follows.
     """
     from scipy.special import chdtri  # takes longer to load than all else here
 
@@ -146,7 +145,7 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
 
 
 def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
-    """When and how much the walls push (n,), times rising, but for T: a contact's force in a few nodes of it."""
+    """Return when and how much the walls push (n,), by rising times; a contact's force at a few nodes of it."""
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
@@ -169,7 +168,7 @@ def periodograms(
     Returns
     -------
     Array
-        The sums (count,).
+        (count,), summed over segments.
     """
     power, real, imaginary = np.zeros(count), np.empty(count), np.empty(count)
     for q in range(begin.size):

@@ -1,4 +1,4 @@
-"""How hard the attractors of many cells rattle, all rows of a table at once."""
+"""The loudness of the attractors of many cells, all rows of a table at once."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -30,7 +30,8 @@ Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 class Intensities(NamedTuple):
     """The quantities of `Intensity` of every attractor of a table, arrays (n,), and 95 % half-widths where it has them.
 
-    0 where exact, of chaos from 32 batches. NaN: undecided, or chaos that came to rest while it was watched.
+    Half-widths are 0 where a value is exact, and come from 32 batches of chaos. NaN: undecided, or chaos that came to
+    rest while it was watched.
     """
 
     impacts_plus: Array

@@ -33,9 +33,9 @@ class Impacts(NamedTuple):
 
 
 def bounce(wall, tau, w, point):
-    """From a departure with velocity w to the next one.
+    """Return the flight and the contact from a departure with velocity w to the next one.
 
-    (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
+    They are (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
     """
     raise NotImplementedError("for kernels only")
 
@@ -61,15 +61,14 @@ def add_impact(row, s, wall, speed, duration, impulse):
 def summed(tau, v, returns, periods, most, point, sums):
     """Follow the motion that leaves Σ⁺ at (τ, v), until one of three limits is met.
 
-    It has left Σ⁺ so many times more, or made so many forcing periods, or impacts.
-
-    sums (batches, COLUMNS), zero before: what the impacts add up to in equal parts of the periods; the last column has
-    the largest speed.
+    Either it has left Σ⁺ `returns` times more, or `periods` forcing periods have passed, or it made `most` impacts.
+    Sums (batches, COLUMNS), zero before, are what the impacts add up to in equal parts of the periods; the last column
+    has the largest speed.
 
     Returns
     -------
-    result
-        (status, τ', v', time).
+    tuple
+        (status, τ', v', time) at the end.
     """
     wall, w, now, back, batches = SIGMA_PLUS, -v, 0.0, 0, sums.shape[0]
     for _ in range(most):

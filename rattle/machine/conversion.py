@@ -32,7 +32,7 @@ class Units(NamedTuple):
 class Reduced(NamedTuple):
     """Two gears as the one coordinate between their teeth has them, plain numbers or arrays.
 
-    Of two equal gears these are their own numbers, and `scale` is that of `DRIVES`.
+    If both gears are equal these are their own numbers, and `scale` is that of `DRIVES`.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def half_backlash(backlash: Any, pair: Reduced) -> Any:
 
 
 def units(pair: Reduced) -> Units:
-    """From the model back to SI units."""
+    """Return the SI sizes of the model's units of length, time, speed, energy, power, force and frequency."""
     length, time = pair.radius / pair.scale, TWO_PI / pair.speed
     force = _plain(np.divide(0.5 * pair.inertia, pair.radius * time * time))
     energy = force * length

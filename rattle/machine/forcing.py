@@ -128,7 +128,7 @@ def assembled(components: Sequence[Component]) -> PairForcing:
     Returns
     -------
     PairForcing
-        The sum.
+        Amplitudes in m, phases in turns.
 
     Raises
     ------

@@ -44,7 +44,7 @@ def in_si(name: str, value: Any) -> float:
     Returns
     -------
     float
-        The number.
+        In the unit of UNITS for this name.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
     Returns
     -------
     float or ndarray
-        m.
+        m; the first gear's radius where neither the second's radius nor its tooth number is given.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
 def require_slow(speed: float, radius: float, sure: bool) -> None:
     """Raise ParameterError on a speed in rad/s at which nothing turns.
 
-    Or, unless sure of the unit, on one that seems to be in rpm.
+    Unless the unit is sure, a speed that seems to be in rpm is refused too.
     """
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"nothing turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")

@@ -40,7 +40,7 @@ PICOWATT = 1e-12  # W, reference of sound power levels (ISO 1683)
 
 
 class MachineIntensity(NamedTuple):
-    """How hard a motion rattles, in SI units.
+    """The loudness of a motion, in SI units.
 
     impacts: per second, on both walls. mean_velocity, largest_velocity: of impacts, m/s along the line of action.
     energy: kinetic energy of the impacts of a revolution, J. power: what they hand over, W, power_error its 95 %
@@ -274,7 +274,7 @@ class Machine:
 
     @property
     def units(self) -> Units:
-        """From the model back to SI units."""
+        """Return the SI sizes of the model's units, by which its numbers are multiplied."""
         return self._point.units
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:

@@ -1,4 +1,4 @@
-"""From the numbers of two gears, one pair or many, to their point of the model."""
+"""The point of the model that two gears have, of one pair or of many, from their numbers in SI units."""
 
 from __future__ import annotations
 

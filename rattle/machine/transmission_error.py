@@ -121,14 +121,14 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
     Returns
     -------
     TransmissionError
-        As `transmission_error`.
+        The measured curve taken apart into orders, as by `transmission_error`.
 
     Raises
     ------
-    ParameterError
-        As there, or a unit is unclear.
     RattleError
         The file cannot be read.
+    ParameterError
+        If columns are missing, a unit is unclear, or `transmission_error` refuses the curve.
     """
     found = read_columns(path, (*ANGLES, *ERRORS, *BARE))
     columns = []

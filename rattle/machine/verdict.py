@@ -1,4 +1,4 @@
-"""One answer of a machine: quiet, quiet unless knocked, rattling from some starts, or always rattling."""
+"""The one answer of a machine: quiet, quiet unless knocked, rattling from some starts, or always rattling."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class Rattles(Protocol):
 
     @property
     def gear(self) -> AnyGear:
-        """Its parameter point."""
+        """Return the machine's parameter point."""
 
     @property
     def units(self) -> Units:
-        """From the model back to SI units."""
+        """Return the SI sizes of the model's units, by which its numbers are multiplied."""
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
         """Return its attractors."""
@@ -81,7 +81,7 @@ def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
 
 
 def least_knock(machine: Rattles, hardest: float) -> float:
-    """Return the least speed of the model that makes resting teeth rattle; inf if none up to the hardest does.
+    """Return the least speed of the model that makes resting teeth rattle.
 
     PHASES × SPEEDS knocks are followed, then as many below the least that was found, so a window of rattling that is
     narrower may be missed.
@@ -89,7 +89,7 @@ def least_knock(machine: Rattles, hardest: float) -> float:
     Returns
     -------
     float
-        The speed.
+        Dimensionless; inf if no knock up to the hardest makes them rattle.
     """
     gear, limit, least = machine.gear, hardest, np.inf
     phases = (np.arange(PHASES) + 0.5) / PHASES

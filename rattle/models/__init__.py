@@ -48,12 +48,10 @@ def _needed_by(model: type[Model]) -> tuple[str, ...]:
 def model_adding(names: Any) -> type[Model]:
     """Return the model that has these parameters beside δ, ε and β, and no other without a default.
 
-    That is the first model if there are none.
-
     Returns
     -------
     type[Model]
-        The model.
+        A class; the first model's if there are no names.
 
     Raises
     ------

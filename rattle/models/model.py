@@ -87,7 +87,7 @@ class AnyGear(Protocol):
 
     @property
     def parameters(self) -> Parameters:
-        """All parameters of the point."""
+        """Return all parameters of the point."""
 
     @property
     def states(self) -> StatePlane:
@@ -266,7 +266,7 @@ class Model(ABC):
 
     @property
     def dwell(self) -> float:
-        """How long a short contact lasts, in forcing periods."""
+        """Return how long a short contact lasts, in forcing periods."""
         return 0.0
 
     @property
@@ -320,14 +320,14 @@ class Model(ABC):
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
-        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones.
+        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,).
 
         Of contacts the impulses are those of the springs.
 
         Returns
         -------
         Array
-            The errors (n,).
+            (n,), relative errors, NaN of quiet and undecided attractors.
         """
         return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
 

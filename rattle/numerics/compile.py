@@ -1,4 +1,4 @@
-"""How kernels are compiled: by numba, into a cache that an edit can never leave stale.
+"""Compilation of kernels: by numba, into a cache that an edit can never leave stale.
 
 Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
 imports. The directory of ours is named by the sources of the whole library, the compiler's versions and the processor.
@@ -79,12 +79,10 @@ def toolchain() -> dict[str, str]:
 def _root() -> str:
     """Return the directory that the environment names or the usual one.
 
-    Where that cannot be written, a directory for temporary files of this user only.
-
     Returns
     -------
     str
-        Its path.
+        Its path; where that cannot be written, a directory for temporary files of this user only.
     """
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
@@ -109,14 +107,12 @@ def cache_directory() -> Path:
 
 @cache
 def can_be_kept() -> bool:
-    """Return whether the cache can be written; say so if not.
-
-    Numba would take a directory beside the sources then, where code can be stale.
+    """Return whether the cache can be written; warn if it cannot.
 
     Returns
     -------
     bool
-        True if it can.
+        False means that numba would take a directory beside the sources, where code can be stale.
     """
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
@@ -212,15 +208,15 @@ FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
 
 
 def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Say what a function is, inside kernels, whose last argument is a named tuple of this kind: the decorated one.
+    """Declare that a function is, inside kernels whose last argument is a named tuple of this kind, the decorated one.
 
     `FOR_TYPES` has all of them, and the docstring of `rattle.orbits.return_map` lists them with their places. Kernels
     are not passed as arguments instead: numba's cache on disk does not know those (docs/decisions/0018-stiff.md).
 
     Returns
     -------
-    Callable[[Callable[..., Any]], Callable[..., Any]]
-        A decorator.
+    Callable
+        A decorator that returns its argument.
     """
 
     def register(implementation: Callable[..., Any]) -> Callable[..., Any]:

@@ -21,8 +21,6 @@ def _steps(n: int) -> NDArray[np.complex128]:
 def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
     """Return the value and the Jacobian of a real-analytic function (…, N) → (…, M) at x (…, N).
 
-    Value (…, M) and Jacobian (…, M, N), exact to rounding.
-
     Returns
     -------
     tuple[Array, Array]

@@ -19,8 +19,8 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 def sobol(count: int) -> NDArray[np.float64]:
     """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code's order.
 
-    Those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every process that computes. The
-    direction numbers of its first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo 2008).
+    They are those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every process that computes.
+    The direction numbers of its first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo 2008).
 
     Returns
     -------
@@ -56,7 +56,7 @@ def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> N
     Returns
     -------
     NDArray[np.float64]
-        Numbers (n, columns).
+        (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
     words: list[NDArray[np.uint64]] = [*_halves(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
@@ -93,15 +93,14 @@ def initial_conditions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,).
 
-    Or of this range of phases and from this speed on.
-
-    Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
-    sample depends on nothing but the request and the cell, and cells have independent sampling errors.
+    Phases may be limited to the range `tau`, and speeds begin at `v_min`. The samples are Sobol points, shifted modulo
+    1 by an amount that depends on the seed and the cell's parameters alone. So a cell's sample depends on nothing but
+    the request and the cell, and cells have independent sampling errors.
 
     Returns
     -------
     tuple[NDArray[np.float64], NDArray[np.float64]]
-        Two arrays of shape (n, count).
+        τ and v, each (n, count).
     """
     shifts, points = _shifts(seed, delta, epsilon, beta), sobol(count)
     x, y = (points[:, i] + shifts[:, i, None] for i in range(2))

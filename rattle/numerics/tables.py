@@ -13,14 +13,14 @@ MOST_SHOWN = 20  # columns in a message, and characters of each
 
 
 def read_columns(path: str | Path, names: Iterable[str], needed: str | None = None) -> dict[str, NDArray[np.float64]]:
-    """Return those of the columns of these names that a table has, each (n,), in its order.
+    """Return those of the columns of these names that a table has, each (n,).
 
     Names are not case-sensitive.
 
     Returns
     -------
     dict[str, NDArray[np.float64]]
-        Columns by their names.
+        Columns by their names, in the order of the table.
 
     Raises
     ------

@@ -34,7 +34,7 @@ class Returned(NamedTuple):
 
     @classmethod
     def of(cls, found: Stretched) -> Returned:
-        """From trajectories of one impact."""
+        """Return the states after these trajectories of one impact."""
         goes = found.n_plus > 0
         return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
 
@@ -51,7 +51,7 @@ class Stretched(NamedTuple):
 
     @classmethod
     def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> Stretched:
-        """From the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each trajectory."""
+        """Return trajectories from the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             first = growth[1] / time
@@ -120,7 +120,7 @@ def sampled_motion(
     periods: float,
     points: int,
 ) -> Trajectory:
-    """Return a motion of either model from (τ, v) on, sampled at so many points.
+    """Return a motion of any model from (τ, v) on, sampled at this number of points.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def sampled_motion(
     Returns
     -------
     Trajectory
-        The motion.
+        Times, Φ and Φ' (points,), and the impacts on the way.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def sampled_motion(
 class Impact(NamedTuple):
     """One step of the impact map.
 
-    (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken.
+    It has (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken.
     """
 
     tau: float

@@ -113,9 +113,7 @@ def manifold(
     angle: float = 0.2,
     unit: float = 1.0,
 ) -> Manifold:
-    """Return one side of the "stable" or "unstable" manifold of a saddle.
-
-    Up to this arclength in (τ, v) (dimensionless).
+    """Return one side of the "stable" or "unstable" manifold of a saddle, up to an arclength in (τ, v).
 
     It ends earlier in a stable motion or at rest. A tongue that crosses Γ and returns within one spacing can be missed.
 
@@ -132,7 +130,7 @@ def manifold(
     Returns
     -------
     Manifold
-        The manifold.
+        Points outwards from the saddle, in pieces; all numbers dimensionless.
 
     Raises
     ------
@@ -165,7 +163,7 @@ def manifold(
 
 
 def _steps(x: Array, unit: float) -> Array:
-    """From each state (2, n) to the next, v in units of this speed."""
+    """Return the steps from each state (2, n) to the next, v in units of this speed."""
     return np.asarray(np.diff(x, axis=1) / [[1.0], [unit]], np.float64)
 
 

@@ -114,14 +114,14 @@ SQUARED = 1e150  # of a trace beyond it the square is no number, and the determi
 
 
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
-    """Return both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis.
+    """Return both roots of λ² − trace λ + determinant, the larger modulus first.
 
-    No cancellation.
+    They are computed without cancellation.
 
     Returns
     -------
     NDArray[np.complex128]
-        Roots (2, …).
+        (2, …), the new axis first.
     """
     t, d = np.broadcast_arrays(np.asarray(trace, np.float64), np.asarray(determinant, np.float64))
     with np.errstate(over="ignore"):
@@ -142,7 +142,7 @@ _CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SET
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
-    """Return the region of each parameter point, as its number in REGIONS, from its period-one orbits.
+    """Return the region of each parameter point from its period-one orbits.
 
     I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set has a
     number of its own.
@@ -150,7 +150,7 @@ def classify(orbits: PeriodOne) -> NDArray[np.int8]:
     Returns
     -------
     NDArray[np.int8]
-        Number of each region.
+        Numbers in REGIONS.
     """
     region = np.asarray(_CODES[np.tensordot(1 << np.arange(len(NAMES)), orbits.exists, 1)])
     region[orbits.exists.all(axis=0) & ~orbits.stable[3]] = REGIONS.index("IV")
@@ -175,7 +175,7 @@ class HasOrbits(Protocol):
         """ε from which permanent contact is impossible."""
 
     def region(self) -> int:
-        """Its code in REGIONS."""
+        """Return the region's number in REGIONS."""
 
     def orbits(self) -> tuple[Orbit, ...]:
         """Return those of period one that happen."""

@@ -92,7 +92,7 @@ def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return all ways (…, N) to write the motion with unknowns start (N,), times first.
+    """Return all ways to write the motion with unknowns start (N,), times first.
 
     It may begin at another impact, if the walls are the same from there, and some forcing periods earlier or later,
     near x.
@@ -100,7 +100,7 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
     Returns
     -------
     Array
-        Solutions (…, N).
+        Solutions (…, N), x among them.
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -154,12 +154,10 @@ class Periodic(ABC):
     def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
         """Return the motion of a solution x (n + 2,) of its equations, with the trace of its tangent map.
 
-        Time is folded.
-
         Returns
         -------
         Self
-            The motion.
+            Its times folded so that the first is in [0, 1).
         """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
@@ -171,12 +169,12 @@ class Periodic(ABC):
     @property
     @abstractmethod
     def departures(self) -> Array:
-        """When it leaves the walls (n,), with these speeds."""
+        """Return the times at which the motion leaves the walls (n,), with these speeds."""
 
     @property
     @abstractmethod
     def point(self) -> Any:
-        """Its parameters, as kernels take them."""
+        """Return the motion's parameters, as kernels take them."""
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -190,7 +188,7 @@ class Periodic(ABC):
 
     @property
     def v(self) -> float:
-        """Speed with which it does."""
+        """Return the speed with which the motion leaves Σ⁺ at its first departure."""
         return float(self.speeds[0])
 
     @property
@@ -228,12 +226,12 @@ class Periodic(ABC):
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row for each impact or contact: its wall, and when and how fast the motion leaves it.
+        """Return the impacts or contacts of the motion: walls, and when and how fast the motion leaves them.
 
         Returns
         -------
         DataFrame
-            The table.
+            A row for each, times in forcing periods.
 
         Raises
         ------

@@ -73,12 +73,10 @@ def tangent(orbit: Periodic) -> Array:
 def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
     """Return the unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier.
 
-    Towards rising v (rising τ where v does not change).
-
     Returns
     -------
     tuple[Array, Array]
-        The unstable and the stable one.
+        Both towards rising v (rising τ where v does not change).
     """
     values, vectors = np.linalg.eig(tangent(orbit))
     unstable, stable = (np.real(vectors[:, i]) for i in np.argsort(-np.abs(values)))
@@ -94,7 +92,7 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
     Returns
     -------
     Local
-        The series.
+        Coefficients of the series, and how far it holds.
 
     Raises
     ------

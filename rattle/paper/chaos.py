@@ -58,7 +58,7 @@ def leaks(delta: float, epsilon: float, start: States) -> bool:
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
     """Return an interval of ε that holds the end of the chaotic attractor that exists at low and not at high.
 
-    At most of this width, by bisection on `leaks`.
+    It is at most `width` wide, by bisection on `leaks`.
 
     Returns
     -------

@@ -45,9 +45,9 @@ def reference_step(delta: float, epsilon: float, tau: float, v: float) -> Refere
 
 
 class WorstFlight(NamedTuple):
-    """Over all cells with an orbit.
+    """The flight of one orbit that comes nearest to a contact force of the wrong sign, over all cells with that orbit.
 
-    Its smallest Φ'' and where, the share of the cells in which it is negative, and the smallest ε of those.
+    It has the smallest Φ'' and where, the share of the cells in which it is negative, and the smallest ε of those.
     """
 
     name: str
@@ -59,7 +59,7 @@ class WorstFlight(NamedTuple):
 
 
 def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
-    """For A, B, C and D over cells (n,)."""
+    """Return the worst flights of A, B, C and D over cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])

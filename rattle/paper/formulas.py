@@ -49,9 +49,10 @@ def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 
 class Orders(NamedTuple):
-    """Measured orders of what is left out: of Φ by (3.6), Φ' by (3.7) as h → 0.
+    """Measured orders of what formulas leave out.
 
-    Of the time by (3.8), and of the speed by v + (f/g) v² and by v + (f/3g) v², as v → 0.
+    They are those of Φ by (3.6) and Φ' by (3.7) as h → 0, of the time by (3.8), and of the speed by v + (f/g) v² and by
+    v + (f/3g) v², as v → 0.
     """
 
     displacement: float
@@ -116,7 +117,7 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
 def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
     """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v².
 
-    Over whole periods, from phase 0.
+    The rate is over whole periods, from phase 0.
 
     Returns
     -------

@@ -28,7 +28,7 @@ class Number:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Both ends of what was computed."""
+        """Return both ends of what was computed."""
         return self.computed if isinstance(self.computed, tuple) else (self.computed, self.computed)
 
     @property

@@ -20,7 +20,7 @@ def report() -> Report:
 
 
 def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Statement, ...]:
-    """In the paper's order."""
+    """Return the statements in the paper's order."""
     delta, epsilon = plane.plane_cells()
     orbits, region = rattle.period_one(delta, epsilon), rattle.regions(delta, epsilon)
     end = next(number.interval[0] for number in found if number.what == END)

@@ -168,7 +168,7 @@ def panels(
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on what it lacks or has otherwise than asked.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on what it lacks or has otherwise than asked.
 
     Raises
     ------

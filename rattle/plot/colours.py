@@ -86,7 +86,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     Returns
     -------
     str
-        The name.
+        "quiet", "chaotic" or "undecided" for motions that are not periodic.
 
     Raises
     ------
@@ -107,16 +107,14 @@ def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
 
 
 def colour(motion: Motion) -> str:
-    """Return the colour (#rrggbb) of a type of motion.
-
-    An `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+    """Return the colour of a type of motion: an `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
 
     It depends on the type alone.
 
     Returns
     -------
     str
-        The colour.
+        #rrggbb.
 
     Raises
     ------
@@ -156,14 +154,14 @@ class Palette:
         return self._taken[label]
 
     def another(self, motion: Motion) -> str:
-        """Return the colour (#rrggbb) of one more motion of a type, of which there are several here.
+        """Return the colour of one more motion of a type, of which there are several here.
 
         The first has that of the type, each other one a spare one.
 
         Returns
         -------
         str
-            The colour.
+            #rrggbb.
 
         Raises
         ------

@@ -48,7 +48,7 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 class ImpactCurve(NamedTuple):
     """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between.
 
-    Of the part that follows each of them: stable, admissible, name of the period-one orbit.
+    For the part that follows each of them it says: stable, admissible, name of the period-one orbit.
     """
 
     x: Array
@@ -62,12 +62,12 @@ class ImpactCurve(NamedTuple):
 def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
     """Draw (a) v and (b) τ against the parameter, limits of the panels given or found.
 
-    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked.
+    Stable branches are solid, unstable ones dashed, virtual parts not drawn; saddle-nodes, flips and grazes are marked.
 
     Returns
     -------
     Figure
-        The figure.
+        A matplotlib figure with two panels.
     """
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
     return _drawn(diagram, v, tau)
@@ -133,14 +133,12 @@ def branch_figure(branch: Any) -> Figure:
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Draw Figures 5 and 9: the diagram along ε at one damping.
-
-    At the paper's parameters in the paper's window.
+    """Draw Figures 5 and 9: the diagram along ε at one damping, at the paper's parameters in the paper's window.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on what it lacks or has otherwise than asked.
 
     Raises
     ------

@@ -112,14 +112,15 @@ class Labels:
         return text
 
     def within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
-        """Write a name where a part of the axes is widest, smaller if need be; whether there is room for it.
+        """Write a name where a part of the axes is widest, smaller if need be; return whether there is room for it.
 
-        inside (rows, columns): whether the cells of an even grid over the axes, from their lower left, are of the part.
+        Inside (rows, columns) says which cells of an even grid over the axes, from their lower left, belong to the
+        part.
 
         Returns
         -------
         bool
-            True if there is room.
+            False if nothing was written.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
         cells, room = self._rooms(inside)
@@ -137,14 +138,12 @@ class Labels:
         return False
 
     def widest(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """Return the cell's centre, in data coordinates, that is farthest from lines, labels and the frame.
-
-        How far, in pixels.
+        """Return the centre of the cell that is farthest from lines, labels and the frame.
 
         Returns
         -------
         tuple[Point, float]
-            The centre, and its distance.
+            The centre in data coordinates, and its distance in pixels.
         """
         cells, room = self._rooms(inside)
         best = int(np.argmax(room))
@@ -216,7 +215,7 @@ def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
 
 
 def _distances(points: Array, others: Array) -> Array:
-    """From each point (n, 2) to the nearest of the others, which may be NaN (between pieces) or none."""
+    """Return the distance of each point (n, 2) to the nearest other one; those may be NaN (between pieces) or none."""
     from scipy.spatial import cKDTree  # a tenth of a second to load
 
     others = others[~np.isnan(others).any(axis=1)]
@@ -254,5 +253,5 @@ def _cross(one: Array, other: Array) -> bool:
 
 
 def _side(a: Array, b: Array, c: Array) -> float:
-    """On which side of the line from a to b the point c is."""
+    """Return on which side of the line from a to b the point c is."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

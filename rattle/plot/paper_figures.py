@@ -138,12 +138,12 @@ def request(
     Returns
     -------
     Request
-        The request.
+        Checked arguments; nothing is computed yet.
 
     Raises
     ------
     ParameterError
-        Before anything is computed.
+        If the figure takes no such numbers, or one is outside its domain.
     """
     known = ", ".join(map(str, sorted(FIGURES)))
     require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
@@ -174,12 +174,12 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
     Returns
     -------
     StiffRequest
-        The request.
+        Checked arguments; nothing is computed yet.
 
     Raises
     ------
     ParameterError
-        Before anything is computed.
+        If a number is outside its domain, or more than one δ or ε is given.
     """
     return StiffRequest(
         stiff.DELTA if delta is None else _checked("stiff", "delta", NUMBER, delta, positive=True),
@@ -191,12 +191,12 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
 def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> Drawing:
     """Draw figure `number` of the paper from computed data, at other δ, ε or β than the paper's if they are given.
 
-    What δ and ε are for a figure, FIGURES says.
+    FIGURES says what δ and ε are for a figure.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on what it lacks or has otherwise than asked.
 
     Raises
     ------
@@ -209,12 +209,10 @@ def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, 
 def parse(option: str, texts: Sequence[str]) -> Given | None:
     """Return the numbers that the texts of an option are, or the range that a single LOW:HIGH is.
 
-    None if there are none.
-
     Returns
     -------
     Given | None
-        The numbers, the range, or None.
+        A tuple of numbers or a range; None if there are no texts.
 
     Raises
     ------

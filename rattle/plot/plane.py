@@ -74,12 +74,10 @@ def draw_line(
 def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:
     """Mark and name the codimension-two points that are in the axes, away from these lines and from what is written.
 
-    Returns the labels, for more of them; None if there are no points.
-
     Returns
     -------
     Labels | None
-        Labels, for more of them; None if there are no points.
+        What takes more labels; None if there are no points.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
@@ -170,12 +168,10 @@ def _draw_inset(
 ) -> Box | None:
     """Draw PD1 and G1 by their distance from SN2, before these meet at COD23, into a corner without curves.
 
-    Returns the corner in data coordinates; None if the points are not close in the window, or no corner is free.
-
     Returns
     -------
     Box | None
-        Corner in data coordinates, or None.
+        The corner in data coordinates; None if the points are not close in the window, or no corner is free.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):

@@ -114,7 +114,7 @@ def restitution_plane(
     Returns
     -------
     RestitutionPlane
-        The plane.
+        Attractors of the cells (m, n), row by row.
 
     Raises
     ------

@@ -24,15 +24,14 @@ REACH = 0.003  # in v, either side of Γ
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
     """Draw the distance of the stiff gear from the impacting model against κ.
 
-    Of A–D, their multipliers, bifurcations and the quiet limit; one return across Γ, where the square root becomes
-    steep but smooth.
-
-    The impacting model must have A–D at (delta, epsilon). Raises ParameterError, RattleError.
+    The distance is that of A–D, their multipliers, bifurcations and the quiet limit; also drawn is one return across Γ,
+    where the square root becomes steep but smooth. The impacting model must have A–D at (delta, epsilon). Raises
+    ParameterError, RattleError.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on what it lacks or has otherwise than asked.
     """
     limits = {orbit.name: orbit for orbit in orbits_at(delta, epsilon, beta)}
     require(len(limits) == 4, f"A, B, C and D do not all exist at delta = {delta:g}, epsilon = {epsilon:g}")

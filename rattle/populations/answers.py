@@ -1,4 +1,4 @@
-"""From the gears of a population to what was asked of it, each with a 95 % interval."""
+"""The answers that the gears of a population give to what was asked of it, each with a 95 % interval."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Estimate(NamedTuple):
 
 
 class Index(NamedTuple):
-    """How much of the variance of an output one number makes: alone, and together with all others that vary with it.
+    """The share of the variance of an output that one number makes: alone, and with all others that vary with it.
 
     Source: Sobol, Mathematics and Computers in Simulation 55 (2001) 271–280; of correlated numbers, where first may be
     above total, Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946.
@@ -109,13 +109,13 @@ class Population:
     def intensity(self, quantiles: Sequence[float] = QUANTILES) -> dict[float, Estimate]:
         """Return quantiles of the energy per revolution, or the power in watts of a machine.
 
-        Of a gear at random from a state at random; an end of an interval that the population does not reach is
-        infinite.
+        They are those of a gear at random from a state at random; an end of an interval that the population does not
+        reach is infinite.
 
         Returns
         -------
         dict[float, Estimate]
-            Estimate of each quantile.
+            By quantile, each with its 95 % interval.
 
         Raises
         ------
@@ -143,12 +143,12 @@ class Population:
     def indices(self, of: str = "quiet") -> dict[str, Index]:
         """Return the Sobol indices, first and total, of each number that varies.
 
-        For a gear's share of quiet runs, or for its mean "energy".
+        The output is a gear's share of quiet runs, or its mean "energy".
 
         Returns
         -------
         dict[str, Index]
-            Indices by name.
+            By name of the number.
 
         Raises
         ------
@@ -185,13 +185,13 @@ def means(energy: Array) -> Array:
 def mean_share(shares: Array) -> Estimate:
     """Return the mean of shares of independent gears (n,).
 
-    Wilson's interval for as many independent samples as have the variance that the gears show; gears that are all alike
-    count as one sample each.
+    Its interval is Wilson's for as many independent samples as have the variance that the gears show; gears that are
+    all alike count as one sample each.
 
     Returns
     -------
     Estimate
-        The mean with its interval.
+        Between 0 and 1, with the 95 % interval.
     """
     n, mean = shares.size, float(shares.mean())
     variance = float(shares.var(ddof=1)) / n
@@ -204,12 +204,12 @@ def mean_share(shares: Array) -> Estimate:
 def quantile(values: Array, q: float) -> Estimate:
     """Return the quantile of values (n, count) of independent rows.
 
-    Its interval by where the share below it, with the variance that rows show, can be q. NaN does not count.
+    Its interval is where the share below it, with the variance that rows show, can be q. NaN does not count.
 
     Returns
     -------
     Estimate
-        The quantile with its interval.
+        In the values' unit, with the 95 % interval.
     """
     known = np.sort(values[~np.isnan(values)])
     value = float(known[min(int(q * known.size), known.size - 1)])
@@ -255,5 +255,5 @@ def ratio(base: Array, other: Array, again: Array) -> Estimate:
 
 
 def one_less(of: Estimate) -> Estimate:
-    """1 − a share."""
+    """Return 1 − a share, with its interval."""
     return Estimate(1.0 - of.value, 1.0 - of.high, 1.0 - of.low)

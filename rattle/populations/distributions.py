@@ -1,4 +1,4 @@
-"""How a number of a gear varies from one to the next."""
+"""Distributions: how a number of a gear varies from one gear to the next."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class Distribution(ABC):
-    """How a number varies: the interface of Normal, Uniform, Triangular, LogNormal and Measured."""
+    """The distribution of a number: the interface of Normal, Uniform, Triangular, LogNormal and Measured."""
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:
@@ -77,7 +77,7 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """All numbers from low to high alike. Raises ParameterError unless low < high."""
+    """A number between low and high, all alike. Raises ParameterError unless low < high."""
 
     low: float
     high: float
@@ -88,7 +88,7 @@ class Uniform(Distribution):
         _require_spread(self.low, self.high, "a uniform distribution")
 
     def quantile(self, u: Array) -> Array:
-        """By its definition."""
+        """Return the numbers below which these shares are."""
         return self.low + u * (self.high - self.low)
 
 
@@ -113,7 +113,7 @@ class Triangular(Distribution):
         )
 
     def quantile(self, u: Array) -> Array:
-        """By its definition."""
+        """Return the numbers below which these shares are."""
         width, left, right = self.high - self.low, self.mode - self.low, self.high - self.mode
         rising = self.low + np.sqrt(u * width * left)
         return np.where(u * width < left, rising, self.high - np.sqrt((1.0 - u) * width * right))
@@ -135,7 +135,7 @@ class LogNormal(Distribution):
             object.__setattr__(self, name, require_number(name, getattr(self, name), positive=True))
 
     def quantile(self, u: Array) -> Array:
-        """By its definition."""
+        """Return the numbers below which these shares are."""
         return np.asarray(self.median * np.exp(self.deviation * ndtri(u)))
 
 
@@ -178,7 +178,7 @@ def distribution_of(text: str) -> Distribution:
     Returns
     -------
     Distribution
-        The distribution.
+        The distribution of that word.
 
     Raises
     ------

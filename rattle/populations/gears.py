@@ -93,7 +93,7 @@ def follow_gears(
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
     """Return the states (n, count) from which the gears begin.
 
-    Those of `Gear.attractors`, or the results of shocks on a gear at rest.
+    They are those of `Gear.attractors`, or the results of shocks on a gear at rest.
 
     Returns
     -------
@@ -119,8 +119,8 @@ def of_shares(given: float | str | Distribution, u: Array) -> Array:
 def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
     """Return whether gears (n,) pass.
 
-    By their share of quiet runs, with more and more samples until it is told with 95 % confidence, or by the margin of
-    quiet running.
+    They pass by their share of quiet runs, with more and more samples until it is told with 95 % confidence, or by the
+    margin of quiet running.
 
     Returns
     -------

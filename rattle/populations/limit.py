@@ -1,4 +1,4 @@
-"""How far one number of a gear may go until it does not run quietly often enough, solved for."""
+"""The limit of a number of a gear up to which it runs quietly often enough, solved for."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ CLOSE = 2.0**-8  # of a step of the scan: a limit is solved for to this
 
 
 class Limit(NamedTuple):
-    """Until where gears run quietly often enough, in the unit of what was asked for, with its 95 % interval.
+    """The value until which gears run quietly often enough, in its own unit, with its 95 % interval.
 
     An end of the interval that is not between the values that were looked at is NaN, and so is a value: where the
     safest one is too much already, or the last not yet.
@@ -71,8 +71,8 @@ def design_limit(
 ) -> Limit:
     """Return the limit of a number up to which a gear runs quietly with probability `share`, there and at safer ones.
 
-    The largest epsilon, beta or restitution (eccentricity, mesh_error and other amplitudes, backlash, rpm of a
-    machine), the least delta or load (drag, load_torque). harmonic_20 is the amplitude of that order over the first,
+    It is the largest epsilon, beta or restitution (eccentricity, mesh_error and other amplitudes, backlash, rpm of a
+    machine), or the least delta or load (drag, load_torque). harmonic_20 is the amplitude of that order over the first,
     error_20 that of a machine in m.
 
     The probability is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED
@@ -89,7 +89,7 @@ def design_limit(
     Returns
     -------
     Limit
-        The limit with its interval.
+        In the number's unit, with a 95 % interval.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def design_limits(
 ) -> list[Limit]:
     """Return the limit of one number as a curve over another, at these values of it.
 
-    `design_limit` with its other arguments.
+    Other arguments are those of `design_limit`.
 
     Returns
     -------
     list[Limit]
-        A limit for each value.
+        In the order of the values.
 
     Raises
     ------
@@ -145,7 +145,7 @@ class Excess(NamedTuple):
 
 
 class _Solver:
-    """One limit: shares by value, each computed once."""
+    """The solver of one limit: shares by value, each computed once."""
 
     def __init__(
         self,
@@ -185,7 +185,7 @@ class _Solver:
         self.known: dict[tuple[float, int | None], Excess] = {}
 
     def _range(self) -> tuple[float, float]:
-        """From the safe end to where nothing is quiet, or SPAN times about the damping."""
+        """Return the range of values: from the safe end to where nothing is quiet, or SPAN times about the damping."""
         of, given = self.of, self.given
         if of == "restitution":
             return 0.0, 1.0
@@ -299,14 +299,12 @@ class _Solver:
         return Limit(0.5 * (inside + outside), low, high)
 
     def _first_too_much(self) -> int:
-        """Return the first of the values that is too much, by the samples of the scan if these are sure, else by all.
-
-        Their number where none is.
+        """Return the index of the first value that is too much, by the scan's samples if these are sure, else by all.
 
         Returns
         -------
         int
-            Index of the value.
+            The number of values where none is too much.
         """
         for i, value in enumerate(self.scanned):
             few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))

@@ -19,7 +19,7 @@ LEAST = 3  # gears
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
     """Read the numbers of measured gears.
 
-    From a table with a header that names them (eccentricity, …; SI units) and a row for each gear.
+    The table has a header that names them (eccentricity, …; SI units) and a row for each gear.
 
     Returns
     -------

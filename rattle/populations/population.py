@@ -35,7 +35,8 @@ def population(
     `share`, or that no impact up to the speed `margin` (m/s of a machine) takes out of quiet running. `pairs` of gears
     share numbers, for Sobol indices.
 
-    Deterministic in all arguments; a gear depends on its number alone, and 40,000 of them are the first 40,000 of more.
+    The result is deterministic in all arguments; a gear depends on its number alone, and 40,000 of them are the first
+    40,000 of more.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def population(
     Returns
     -------
     Population
-        The population.
+        Its methods give the yield, quantiles and indices.
 
     Raises
     ------

@@ -130,7 +130,7 @@ class Tolerances:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Those that vary, in the order of the correlation matrix."""
+        """Return the names of the numbers that vary, in the order of the correlation matrix."""
         return tuple(name for name, value in self.given.items() if isinstance(value, Distribution))
 
     @property
@@ -140,7 +140,7 @@ class Tolerances:
 
     @cached_property
     def copula(self) -> Copula:
-        """How they vary together."""
+        """Return the copula by which the numbers vary together."""
         return Copula(np.asarray(self.correlation, np.float64))
 
     def values(self, z: Array) -> Array:

@@ -118,5 +118,5 @@ def text(value: Fraction) -> str:
 
 
 def texts(values: Sequence[Fraction]) -> list[str]:
-    """Likewise, of several."""
+    """Return the texts of several exact numbers."""
     return [text(value) for value in values]

@@ -117,7 +117,7 @@ def verdict_of(trace: arb, determinant: arb) -> Verdict:
     Returns
     -------
     Verdict
-        The verdict.
+        UNDECIDED where the enclosures do not tell.
     """
     if abs(trace) < 1 + determinant:
         return Verdict.ATTRACTING

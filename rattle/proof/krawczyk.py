@@ -37,7 +37,7 @@ Equations = Callable[[Sequence[arb]], Evaluated]
 
 @dataclass(frozen=True)
 class Enclosure:
-    """One zero lies in the box centre ± radius, and only one; it lies in the balls `zero` (n,)."""
+    """An enclosure: one zero, and only one, lies in the box centre ± radius; it lies in the balls `zero` (n,)."""
 
     centre: list[Fraction]
     radius: Fraction
@@ -76,14 +76,14 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
 
 
 def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
-    """About ∂R/∂x⁻¹ at a computed zero, and the zero after two steps of Newton's method.
+    """Return an approximate inverse of ∂R/∂x at a computed zero, and the zero after two steps of Newton's method.
 
     Then all of its places follow from the equations alone, not from how a machine adds doubles.
 
     Returns
     -------
     tuple[arb_mat, list[Fraction]]
-        The inverse, and the zero.
+        The inverse (n, n), and the zero (n,).
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""How attractors fare along a path of parameters, and how much of a shock each one bears."""
+"""Resilience: how attractors fare along a path of parameters, and the shock that each one bears."""

@@ -41,14 +41,13 @@ def accumulated(
 ) -> Array:
     """Return the quantity of samples (τ, v) of a gear.
 
-    Each is followed for so many forcing periods, or impacts on Σ⁺ at most.
-
-    A sample that comes to rest has no impacts from there on.
+    Each is followed for `periods` forcing periods, or `impacts` impacts on Σ⁺ at most. A sample that comes to rest has
+    no impacts from there on.
 
     Returns
     -------
     Array
-        The quantity, as the accumulator has it.
+        What the accumulator has summed up for each sample.
 
     Raises
     ------

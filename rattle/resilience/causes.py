@@ -55,15 +55,13 @@ def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
 def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
     """Follow an orbit from one point towards another, as long as it happens and attracts.
 
-    By steps that halve where they fail.
-
-    Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and stops a little before: the place is
-    extrapolated from the multipliers, and lies in the middle between low and high.
+    The steps halve where they fail. Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and
+    stops a little before: the place is extrapolated from the multipliers, and lies in the middle between low and high.
 
     Returns
     -------
     OrbitEnd
-        The end of the orbit.
+        The cause, and the shares of the way between which the orbit ends.
     """
     at, step, share = orbit, 1.0, 0.0
     last = _solved(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
@@ -86,7 +84,7 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
 
 
 def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
-    """How far beyond the last of a trail (share, multipliers) ((1 + sign λ₁)(1 + sign λ₂))^power vanishes, linearly."""
+    """Return how far beyond a trail (share, multipliers) ((1 + sign λ₁)(1 + sign λ₂))^power vanishes, linearly."""
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
     for share, value in reversed(known):
@@ -111,12 +109,12 @@ def _solved(gear: AnyGear, near: TrackedOrbit) -> Any:
 def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
     """Return how far a motion is from closing after a part of its period.
 
-    One that does is another one, run through twice.
+    A motion that closes there is another one, run through twice.
 
     Returns
     -------
     float
-        Distance from closing.
+        In the unit of states, 0 for one that closes.
     """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]

@@ -1,4 +1,4 @@
-"""How long samples take to get to their attractors, and which share has got there by when."""
+"""The time that samples take to get to their attractors, and the share that has got there by when."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RELAXATIONS = 300.0  # times 1/δ, for which samples are followed by default
 
 @dataclass(frozen=True)
 class Convergence:
-    """How samples (n,) get to their attractors.
+    """The arrivals of samples (n,) at their attractors.
 
     attractors: by falling share. which (n,): index into them. time (n,): forcing periods until a departure from Σ⁺ is
     first nearer than `within` to a quiet or periodic one; NaN of others, and of those followed for too short a time.
@@ -74,7 +74,7 @@ class _Arrival:
         self.time = np.full(which.size, np.nan)
 
     def begin(self, tau: Array, v: Array) -> None:
-        """One that sets out near it is there at once."""
+        """Note the samples that set out near their attractors: they are there at once."""
         self.add(np.arange(tau.size), tau, v, np.zeros(tau.size))
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_]:
@@ -111,7 +111,7 @@ def convergence(
 ) -> Convergence:
     """Return how long the sample of `Gear.attractors` takes to be nearer to its attractors than `within`.
 
-    Of phase, and of speed in its unit √(16πδβ)/4.2; quiet motion is v = 0.
+    The distance is of phase, and of speed in its unit √(16πδβ)/4.2; quiet motion is v = 0.
 
     Parameters
     ----------

@@ -43,9 +43,7 @@ class EdgeState:
 
 
 def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOST_TURNS) -> EdgeState:
-    """Return the edge state on the boundary between the basins of two states, both (τ, v).
-
-    They go to different attractors.
+    """Return the edge state on the boundary between the basins of two states (τ, v) with different attractors.
 
     If the line between them crosses several boundaries, that of the basin of `one` is meant which is nearest to it.
 
@@ -57,7 +55,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     Returns
     -------
     EdgeState
-        The edge state.
+        Phase and speed of a state of it, and its unstable periodic motion if that was found.
 
     Raises
     ------

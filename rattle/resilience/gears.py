@@ -56,8 +56,8 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
 
     Returns
     -------
-    points : Parameters
-        The points (n,).
+    points
+        Parameters: Arrays (n,), along the path.
 
     Raises
     ------

@@ -129,7 +129,7 @@ def global_continuation(
 ) -> GlobalContinuation:
     """Return the attractors along a path of parameters, points (k, 2 or more).
 
-    Of (δ, ε), of (δ, ε, β) or of these with the parameters that a model adds.
+    The points are of (δ, ε), of (δ, ε, β) or of these with the parameters that a model adds.
 
     Each stable orbit is itself continued to the next steps, so that these have what their samples missed; chaotic
     attractors are one where they visit the same states (docs/families.md). Of each family that begins or ends the cause
@@ -234,14 +234,12 @@ class _Changes:
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
     def _goes_to(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
-        """Return the family at a step that most states of an attractor go to, −1 if none is known.
-
-        CHAOS_THERE if it is chaotic and there is none.
+        """Return the family at a step that most states of an attractor go to.
 
         Returns
         -------
         int
-            Number of the family.
+            Number of the family, CHAOS_THERE if the motion is chaotic and has none, −1 if none is known.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):

@@ -50,11 +50,11 @@ def smallest_shock(
 ) -> LeastShock:
     """Return the least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
 
-    At a departure from Σ⁺, whichever of the attractor's it is (of a chaotic one, 64 of them), or at this phase of the
-    forcing, of a periodic or quiet motion. Shocks are tried whose departures are slower than
-    v_max, as in `Gear.attractors`. An upper bound: 64 shocks each way, and three times 64 below the least so far, are
-    followed from each state; a basin that is thinner may be nearer. `Gear.boundary_distance` searches harder for quiet
-    motion.
+    The shock comes at a departure from Σ⁺, whichever of the attractor's it is (of a chaotic one, 64 of them), or at
+    this phase of the forcing, of a periodic or quiet motion. Shocks are tried whose departures are slower than v_max,
+    as in `Gear.attractors`. The result is an upper bound: 64 shocks each way, and three times 64 below the least so
+    far, are followed from each state; a basin that is thinner may be nearer. `Gear.boundary_distance` searches harder
+    for quiet motion.
 
     Returns
     -------

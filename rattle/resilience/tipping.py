@@ -20,7 +20,7 @@ SLOW = 1e-4  # departure of what was at rest, in units of speed
 
 @dataclass(frozen=True)
 class Tipping:
-    """How the basins of one parameter point lie over those of another.
+    """The overlap of the basins of one parameter point with those of another.
 
     before, after: the attractors of both, by falling share. number (before, after): samples that go to one at first and
     to the other afterwards. goes (before,): the attractor afterwards of a motion that is on each one at first.
@@ -46,9 +46,9 @@ class Tipping:
 
 
 def lift_off(gear: AnyGear) -> tuple[float, float]:
-    """Return a departure of a motion at rest on Σ⁺.
+    """Return a departure of a motion at rest on Σ⁺, hardly faster than 0.
 
-    Where the contact force vanishes, or would first, hardly faster than 0.
+    It is where the contact force vanishes, or would first.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def tipping(
     Returns
     -------
     Tipping
-        Numbers of states by both attractors.
+        Numbers of states (before, after) by the attractors of both.
     """
     require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)

@@ -74,12 +74,12 @@ class StiffGear(Sampled, Rattling):
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> MotionState:
         """Return the motion from (Φ, Φ') at this phase, after a time in forcing periods.
 
-        The stroboscopic map, if it is whole.
+        After a whole number of periods it is the stroboscopic map.
 
         Returns
         -------
         MotionState
-            The state after it.
+            Φ and Φ' then, contacts begun on the way, and the tangent map.
 
         Raises
         ------
@@ -131,12 +131,12 @@ class StiffGear(Sampled, Rattling):
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
         """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
 
-        In the gap or in contact. v is 0 if its contact with Σ⁺ never ends.
+        The motion may be in the gap or in contact.
 
         Returns
         -------
         tuple[float, float]
-            Phase τ and speed v.
+            Phase τ in [0, 1) and speed v; v is 0 if its contact with Σ⁺ never ends.
 
         Raises
         ------
@@ -155,12 +155,12 @@ class StiffGear(Sampled, Rattling):
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
 
-        As `Gear.trajectory`, with the contacts that it begins for impacts.
+        It is as `Gear.trajectory`, with the contacts that the motion begins in place of impacts.
 
         Returns
         -------
         Trajectory
-            The sampled motion.
+            Times, Φ and Φ' (points,), and the contacts.
 
         Raises
         ------
@@ -182,12 +182,12 @@ class StiffGear(Sampled, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺.
 
-        With its least period; see `stiff_orbit`.
+        It has its least period; see `stiff_orbit`.
 
         Returns
         -------
         periodic.StiffOrbit
-            The motion.
+            With its contacts, multipliers and stability.
         """
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
@@ -209,5 +209,5 @@ class StiffGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """One finite phase folded into [0, 1)."""
+    """Return one finite phase folded into [0, 1)."""
     return float(law.folded(require_finite("phase", phase)))

@@ -1,1 +1,1 @@
-"""Control access: keys, origins, login, and the end of open connections when they are revoked."""
+"""Control access: keys, origins, login, and the end of open connections after a revocation."""

@@ -1,4 +1,4 @@
-"""API keys: how a secret is made, written and recognised."""
+"""API keys: make a secret, store its hash, and recognise it."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 SECRET_BYTES = 32
 TOKEN = re.compile(r"rattle_([0-9a-f]{16})_([A-Za-z0-9_-]{43})", re.ASCII)
 
-#: Where a browser keeps its session: it cannot send the header Authorization for a page.
+#: Cookie with a browser's session, because a browser cannot send the header Authorization for a page.
 COOKIE = "rattle_session"
-#: Where older versions kept the key itself: of no use any more, and taken away where one signs in.
+#: Cookie in which older versions kept the key itself; signing in removes it.
 OLD_COOKIE = "rattle_key"
 
-#: What a key of this scope may do: who submits may read.
+#: Scopes that a key of each scope has: a key that may submit may also read.
 ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 
@@ -32,7 +32,7 @@ class Caller:
     """Sender of a request: the owner of a key, or anybody where no key is needed."""
 
     key: KeyRow | None = None
-    session: str | None = None  # the hash of a browser's, if it was that which was shown
+    session: str | None = None  # hash of the browser's session, if the request has one
 
     @property
     def identity(self) -> Identity | None:
@@ -41,7 +41,7 @@ class Caller:
 
     @property
     def owner(self) -> str | None:
-        """The id that the surveys of this caller carry."""
+        """Id of the key that owns this caller's surveys; None without a key."""
         return self.key.id if self.key else None
 
     def may(self, scope: Scope) -> bool:
@@ -56,14 +56,14 @@ class Caller:
 def add_key(
     database: Database, name: str, scope: Scope, max_cells: int | None = None, max_running: int | None = None
 ) -> tuple[KeyRow, str]:
-    """Add a key. The token in the result is what its owner sends; it is shown here and never again."""
+    """Add a key, and return it with its token, which its owner sends. The token cannot be shown again."""
     secret = secrets.token_urlsafe(SECRET_BYTES)
     key = database.add_key(name, hash_of(secret), ALLOWS[scope], max_cells, max_running)
     return key, f"rattle_{key.id}_{secret}"
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """Return the live key that this token belongs to. Asks the database each time: a revoked key is refused at once."""
+    """Return the live key of a token. It asks the database each time, so a revoked key is refused at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
@@ -76,41 +76,33 @@ def find_key(database: Database, token: str) -> KeyRow | None:
 
 
 def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
-    """Sign a browser in with a key. What is returned is what its cookie holds, and nothing else."""
+    """Sign a browser in with a key, and return the token for its cookie."""
     token = secrets.token_urlsafe(SECRET_BYTES)
     database.add_session(key.id, hash_of(token), seconds)
     return token
 
 
 def find_session(database: Database, token: str) -> Caller | None:
-    """Return the caller whose browser holds this token.
-
-    None once it has signed out, or its time is over, or its key revoked.
-
-    Returns
-    -------
-    Caller | None
-        The caller, or None.
-    """
+    """Return the caller whose browser holds this token; None after sign-out, expiry or revocation of its key."""
     session = hash_of(token)
     key = database.key_by_session(session)
     return Caller(key, session) if key is not None else None
 
 
 def has_live_key(database: Database) -> bool:
-    """Return whether anybody could be let in."""
+    """Return whether any key is valid."""
     return any(key.revoked is None for key in database.keys())  # noqa: SIM118 - no dict
 
 
 def hash_of(secret: str) -> str:
     """Return the stored hash of a secret.
 
-    One SHA-256 is enough: 256 random bits cannot be guessed however fast a guess is, which is all that the slow hashes
-    for passwords prevent, and each request pays for it.
+    One SHA-256 is enough: 256 random bits cannot be guessed, so the slow hashes for passwords, which make guessing
+    expensive, would only cost time at each request.
 
     Returns
     -------
     str
-        The digest.
+        64 hexadecimal digits.
     """
     return hashlib.sha256(secret.encode()).hexdigest()

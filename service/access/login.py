@@ -1,4 +1,4 @@
-"""Log in where keys are needed: a form takes one and begins a session, whose cookie a page in a browser can send."""
+"""Log in where keys are needed: a form takes a key and begins a session, whose cookie a browser can send."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gear_rattle.service.web.prefix import public_path
 
 LOGIN, LOGOUT = "/login", "/logout"
 FORM = "application/x-www-form-urlencoded"
-MOST_FIELDS = 8  # of a form that has one
+MOST_FIELDS = 8  # the most fields that are parsed; the form has one
 CONTENT_SECURITY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'self'"
 
 PAGE = """<!doctype html>
@@ -34,12 +34,12 @@ input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5
 
 
 def login_url(path: str, query: str) -> str:
-    """Return the login's URL for somebody without a key, who comes back to this path and query."""
+    """Return the URL of the login for a request without a key, with the path and query to return to."""
     return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 
 def _next(request: Request) -> str:
-    """Return the requested view; never a page of another site."""
+    """Return the page after the login; never a page of another site."""
     wanted = request.query_params.get("next", "")
     return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
 
@@ -52,10 +52,10 @@ def _form(request: Request, problem: str = "", status: int = 200) -> Response:
 
 
 async def login(request: Request) -> Response:
-    """Return the form, and what it sends."""
+    """Return the login form, or handle the submitted form."""
     if request.method == "GET":
         had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
-        response = _form(request, "You are signed in no longer: sign in again." if had else "")
+        response = _form(request, "Your session has ended: sign in again." if had else "")
         _forget(request, response, OLD_COOKIE)
         return response
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM:
@@ -70,7 +70,7 @@ async def login(request: Request) -> Response:
         return _form(request, "This API key is unknown or was revoked.", 401)
     session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
     response = RedirectResponse(_next(request), 303)
-    here = public_path("/")  # beside other programs of this host, which shall not get it
+    here = public_path("/")  # other programs of this host must not get the cookie
     response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path=here)
     _forget(request, response, OLD_COOKIE)
     return response
@@ -93,7 +93,7 @@ def _forget(request: Request, response: Response, cookie: str) -> None:
 
 
 def _is_https(request: Request) -> bool:
-    # A proxy in front says so. Who lies about it only keeps a cookie of its own from being sent in the clear.
+    # A proxy sets this header. A client that forges it only prevents its own cookie from being sent unencrypted.
     return request.url.scheme == "https" or request.headers.get("x-forwarded-proto", "").lower() == "https"
 
 

@@ -1,4 +1,4 @@
-"""Authorise every request before any route, so that a new route is closed until it is opened here."""
+"""Authorise every request before any route, so that a new route is closed unless it is listed here."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ REFERENCE = frozenset(
         f"{REFERENCE_ASSETS}/redoc.standalone.js",
     }
 )
-#: Answered without a key: whether the service lives, and how to use it.
+#: Paths that need no key: the state of the service, and its documentation.
 OPEN = frozenset({"/v1/health", "/v1/ready", *REFERENCE, LOGIN})
-#: Written to without a key: to show one, and to put it away.
+#: Paths that accept a POST without a key: login and logout.
 LOGIN_PATHS = frozenset({LOGIN, LOGOUT})
 EXPLORER = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -57,7 +57,7 @@ CONTENT_SECURITY = "; ".join(
         "frame-ancestors 'self'",
     )
 )
-#: A page of another site shall neither take answers for something else, nor embed them, nor frame a page of ours.
+#: Pages of other sites must not misinterpret answers, embed them, or frame pages of this service.
 RESPONSE_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -70,12 +70,12 @@ BEARER = HTTPBearer(
     scheme_name="key",
     bearerFormat="rattle_ID_SECRET",
     description="An API key, made by `rattle key add`. A service on loopback asks for none.",
-    auto_error=False,  # the middleware has decided before
+    auto_error=False,  # the middleware decides before
 )
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Return the sender of this request. On a route, it declares in OpenAPI that a key is needed."""
+    """Return the sender of a request. As a dependency of a route it declares in OpenAPI that a key is needed."""
     caller: Caller = request.state.caller
     return caller
 
@@ -84,12 +84,12 @@ CallerState = Annotated[Caller, Depends(caller_of)]
 
 
 def asks_keys(settings: Settings) -> bool:
-    """Return whether a service with these settings asks everybody for a key."""
+    """Return whether a service with these settings needs a key from everybody."""
     return not settings.insecure and (settings.require_keys or not is_loopback(settings.host))
 
 
 class AccessMiddleware:
-    """Refuses requests that are too large, come from another site's page, or carry no key where one is asked.
+    """Refuse requests that are too large, come from another site's page, or lack a key where one is needed.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class AccessMiddleware:
         return self._settings.explorer and path == EXPLORER
 
     async def _caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
-        # Whatever address the settings name: a request from elsewhere is never taken for one of this machine.
+        # A request from another machine needs a key whatever address the settings name.
         asks = self._asks_all or not (self._settings.insecure or is_local(scope, headers))
         if not asks:
             require_own_name(headers, self._settings.host, self._settings.allowed_hosts)
@@ -158,7 +158,7 @@ class AccessMiddleware:
         if not kind and COOKIE in (cookies := cookie_parser(headers.get("cookie", ""))):
             if (caller := find_session(database, cookies[COOKIE])) is not None:
                 return caller
-            raise UnauthorizedError("This browser is signed in no longer. Sign in again, at /login.")
+            raise UnauthorizedError("The session of this browser has ended. Sign in again at /login.")
         if kind.lower() != "bearer":
             raise UnauthorizedError(problems.ADVICE[401])
         key = find_key(database, token.strip())
@@ -175,17 +175,17 @@ class AccessMiddleware:
             raise HTTPException(414, problems.ADVICE[414])
         if size > self._settings.max_header_bytes or len(headers) > self._settings.max_headers:
             raise HTTPException(431, problems.ADVICE[431])
-        if b"transfer-encoding" in names and b"content-length" in names:  # which of them did a proxy believe?
+        if b"transfer-encoding" in names and b"content-length" in names:  # a proxy may have believed either of them
             raise HTTPException(400, problems.ADVICE[400], {"Connection": "close"})
-        if not scope["path"].isprintable():  # the router would overlook a line break at the end
+        if not scope["path"].isprintable():  # the router ignores a line break at the end
             raise HTTPException(404, problems.ADVICE[404])
 
 
 def _require_plain(headers: Headers) -> None:
-    """Raise HTTPException for a body that is compressed, which would be taken for what it is not."""
+    """Raise HTTPException for a compressed body, which no route decompresses."""
     coding = ", ".join(headers.getlist("content-encoding")).strip()
     if coding.lower() not in ("", "identity"):
-        what = "Send the body as it is, without Content-Encoding: nothing that this service takes is large."
+        what = "Send the body without Content-Encoding: this service does not decompress bodies."
         raise HTTPException(415, what, {"Accept-Encoding": "identity"})
 
 

@@ -1,4 +1,4 @@
-"""Check where a request comes from and the host that it names: addresses, names and pages of other sites."""
+"""Check the origin of a request and the host that it names: addresses, names, and pages of other sites."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from urllib.parse import urlsplit
 
 from gear_rattle.service.errors import ForbiddenError
 
-if TYPE_CHECKING:  # not there where surveys are computed without a service
+if TYPE_CHECKING:  # not installed where surveys are computed without a service
     from starlette.datastructures import Headers
     from starlette.types import Scope
 
-#: What proxies add, beside everything that begins with x-forwarded.
+#: Headers that proxies add, beside those that begin with x-forwarded.
 FORWARDED = frozenset({"forwarded", "x-real-ip", "x-client-ip", "true-client-ip", "cf-connecting-ip", "via"})
 WILDCARDS = ("0.0.0.0", "::")
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether every address that this name or address stands for is one of this machine only."""
+    """Return whether every address of this name, or this address itself, is a loopback address."""
     if (address := _address(host)) is not None:
         return address.is_loopback
     try:
@@ -34,7 +34,7 @@ def is_loopback(host: str) -> bool:
 
 
 def is_local(scope: Scope, headers: Headers) -> bool:
-    """Return whether a request was sent on this machine, and not on behalf of another one by a proxy here."""
+    """Return whether a request comes from this machine and no proxy has forwarded it."""
     client = scope.get("client")
     address = _address(client[0]) if client else None
     forwarded = any(name in FORWARDED or name.startswith("x-forwarded") for name in headers)
@@ -42,10 +42,10 @@ def is_local(scope: Scope, headers: Headers) -> bool:
 
 
 def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> None:
-    """Refuse requests to names that are not ours.
+    """Refuse requests to names other than this service's.
 
-    Without keys, a page whose name was pointed at this machine (DNS rebinding) would be of our own origin. An address
-    cannot be pointed elsewhere, so any will do where we listen on all of them.
+    Without keys, a page whose name was pointed at this machine (DNS rebinding) would be of the service's own origin. An
+    address cannot be pointed elsewhere, so any address is accepted if the service listens on all of them.
 
     Raises
     ------
@@ -65,10 +65,10 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
 
 
 def require_same_origin(headers: Headers) -> None:
-    """Refuse what a browser sends for a page of another site.
+    """Refuse requests that a browser sends for a page of another site.
 
-    The rule is that of Go's net/http.CrossOriginProtection: Sec-Fetch-Site decides, Origin for older browsers, and what
-    sends neither is no browser.
+    The rule is that of Go's net/http.CrossOriginProtection: Sec-Fetch-Site decides, or Origin for older browsers; a
+    client that sends neither is not a browser.
 
     Raises
     ------
@@ -86,20 +86,20 @@ def require_same_origin(headers: Headers) -> None:
 
 
 def require_root(headers: Headers, root: str) -> None:
-    """Refuse to make a page that would not work where its browser has it, and log what to set.
+    """Refuse a page that could not work at the address that its browser shows, and log the setting to correct.
 
     Parameters
     ----------
     headers : Headers
-        Of the request for the page; its script says its address.
+        Headers of the request for the page; its script sends its address.
     root : str
         Path of the page, as this service knows it.
 
     Raises
     ------
     ForbiddenError
-        A proxy has it below another path than this service believes, or names another host here than the browser does,
-        which would have its websocket refused.
+        A proxy has the page below another path than this service assumes, or passes on another host than the browser
+        shows, so that the page's websocket would be refused.
     """
     host, slash, path = headers.get("rattle-address", "").partition("/")
     why = ""
@@ -120,7 +120,7 @@ def require_root(headers: Headers, root: str) -> None:
 
 
 def _host_advice(there: str, headers: Headers) -> str:
-    """Return advice for a browser that names this service in another way than a request does."""
+    """Return advice for the case that browser and request name this service differently."""
     return (
         f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
         "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "
@@ -137,7 +137,7 @@ def _address(text: str) -> IPv4Address | IPv6Address | None:
 
 
 def _host_name(host: str) -> str:
-    """Return the name in a Host header, lower case, without port; empty if it is not one."""
+    """Return the name in a Host header, lower case, without port; empty if it is invalid."""
     try:
         return (urlsplit(f"//{host}").hostname or "").removesuffix(".")
     except ValueError:

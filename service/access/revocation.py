@@ -1,4 +1,4 @@
-"""End long-lived connections soon after their key was revoked or their browser signed out."""
+"""End long-lived connections soon after their key is revoked or their browser signs out."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from gear_rattle.service.database import Database
     from gear_rattle.service.database.keys import Identity
 
-#: Between two looks, while anything is open. Whatever process revokes a key writes it to the same database.
+#: Time between two checks while any connection is open. All processes that revoke keys share the database.
 LOOK_SECONDS = 0.5
 
 log = logging.getLogger(__name__)
 
 
 class Revocations:
-    """Streams and websockets that are open, each with who opened it. Belongs to one event loop."""
+    """Open streams and websockets with their callers. It belongs to one event loop."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -33,7 +33,7 @@ class Revocations:
 
     @contextmanager
     def ending(self, caller: Caller | None) -> Iterator[CancelScope]:
-        """Cancel the block once its caller may no longer be here."""
+        """Yield a scope that is cancelled once its caller is no longer authorised."""
         with CancelScope() as scope:
             if caller is not None and (identity := caller.identity) is not None:
                 self._open[scope] = identity
@@ -45,7 +45,7 @@ class Revocations:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Look, for as long as the application runs."""
+        """Check open connections for as long as the application runs."""
         looking = asyncio.create_task(self._look())
         try:
             yield

@@ -1,1 +1,1 @@
-"""The command line: one file per command. Heavy imports stay inside the functions, so that ``--help`` is quick."""
+"""The command line: a file for each command. Heavy imports stay inside the functions, so that ``--help`` is quick."""

@@ -1,4 +1,4 @@
-"""The options of one parameter point, which several commands take: dimensionless, or of a machine in SI units."""
+"""The options of one parameter point, dimensionless or of a machine in SI units, for several commands."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class GivenPoint(NamedTuple):
-    """A parameter point; its machine, if one was given; its speed, if one was given."""
+    """A parameter point, with its machine and its speed if these were given."""
 
     gear: AnyGear
     machine: Machine | None
@@ -32,7 +32,7 @@ class GivenPoint(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Its parameters."""
+        """The parameters as a text."""
         words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
         words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
         return ", ".join(words)
@@ -42,7 +42,7 @@ def _argument(name: str) -> Any:
     return Annotated[float | None, typer.Argument(metavar=name.upper(), help=NUMBERS[name][0], show_default=False)]
 
 
-#: All None by default, so that a point is given in one of the two ways.
+#: All options are None by default, so that missing ones can be detected.
 OPTIONS: dict[str, Any] = {
     **number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
     "transmission_error": Annotated[
@@ -65,16 +65,16 @@ OPTIONS: dict[str, Any] = {
         list[str] | None, typer.Option(metavar="ORDER:AMPLITUDE:PHASE", help=HARMONIC, show_default="none")
     ],
 }
-NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # of a machine
+NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # required numbers of a machine
 
 
 def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
-    """Give a command these options; it takes the `GivenPoint` that they describe for its first argument.
+    """Return a decorator that gives a command these options; its first argument is then the `GivenPoint`.
 
     Parameters
     ----------
     timed : bool
-        --rpm is of use beside DELTA and EPSILON too.
+        Whether --rpm is allowed beside DELTA and EPSILON too.
     """
 
     def given_point(command: Command) -> Command:
@@ -84,7 +84,7 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
 
 
 def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
-    """Return the point that OPTIONS describe, in one of the two ways."""
+    """Return the point that OPTIONS describe, as dimensionless numbers or as a machine."""
     harmonics = given.pop("harmonic", None) or ()
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
@@ -108,13 +108,13 @@ def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
 def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint:
     if plain:
         raise typer.BadParameter(
-            f"{' and '.join(plain)} and a machine's {' and '.join(machine)} are two ways to say it: give one"
+            f"{' and '.join(plain)} and a machine's {' and '.join(machine)} exclude each other: give one of both"
         )
     curve, orders = machine.pop("transmission_error", None), machine.pop("orders", None)
     if curve is not None:
         machine = {**machine, **_measured(curve, orders, machine)}
     elif orders is not None:
-        raise typer.BadParameter("--orders is of a measured curve: give --transmission-error too")
+        raise typer.BadParameter("--orders needs a measured curve: give --transmission-error too")
     missing = [f"--{name}" for name in NEEDED if name not in machine]
     if missing:
         raise typer.BadParameter(f"a machine needs {' and '.join(missing)} too")

@@ -1,4 +1,4 @@
-"""``rattle attractors``: which motions one parameter point has, and how hard they rattle."""
+"""``rattle attractors``: the attractors of one parameter point, and how hard they rattle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.commands.options import Sample, Seed
 if TYPE_CHECKING:
     from rattle import Attractor
 
-WIDTH = 160  # numbers are never cut, whatever the terminal
+WIDTH = 160  # wide enough for all numbers, whatever the terminal
 
 SpeedLimit = Annotated[
     float | None, typer.Option(help="Largest initial speed of the model.", show_default="by the motion's own scale")
@@ -21,20 +21,12 @@ SpeedLimit = Annotated[
 
 
 def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """Return the attractors of a point by falling share of the samples.
-
-    Their speeds are by default those of its motions.
-
-    Returns
-    -------
-    tuple[Attractor, ...]
-        The attractors.
-    """
+    """Return the attractors of a point by falling basin fraction; samples have natural speeds unless v_max is given."""
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
 def attractor_name(attractor: Attractor) -> str:
-    """Its label, or its kind."""
+    """Return the label of a periodic attractor, or the kind of another one."""
     phases = f"; {attractor.contacts}" if attractor.contacts else ""
     label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus}{phases})"
     return label if attractor.kind == "periodic" else attractor.kind
@@ -52,8 +44,8 @@ def attractors(
 ) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
-    The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the
-    line of action, and the power of the impacts in watts and in dB re 1 pW. Chaotic motions have an error bar (95 %),
+    The share has its 95 % interval. Impacts and energies are per revolution. For a machine speeds are in m/s along the
+    line of action, and the power of the impacts is in watts and in dB re 1 pW. Chaotic motions have a 95 % error bar,
     undecided ones no figures.
     """
     from rich.console import Console
@@ -62,7 +54,7 @@ def attractors(
     machine = point.machine
     if verdict:
         if machine is None:
-            raise typer.BadParameter("--verdict is of a machine: give --inertia, --drag, and so on")
+            raise typer.BadParameter("--verdict needs a machine: give --inertia, --drag, and so on")
         typer.echo(str(machine.verdict(count, seed)))
         return
     console = Console(highlight=False, width=WIDTH)

@@ -1,4 +1,4 @@
-"""``rattle certify``: periodic motions, bifurcations and chaos as theorems, and the check of what others proved."""
+"""``rattle certify``: prove periodic motions, bifurcations and chaos, and check certificates."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rattle.proof.chaos.certificate import HorseshoeCertificate
 
 NOT_PROVED = 1
-COLUMNS = 320  # of the plane of Figure 7, with which its regions are proved on more than 99 %
+COLUMNS = 320  # with so many columns the regions of Figure 7 are proved on more than 99 % of its plane
 SUFFIX = ".certificates.zarr"
 
 
@@ -65,19 +65,20 @@ def certify(
 ) -> None:
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
-    Of a survey, or of a slice of it: all periodic attractors, into a store beside it; the same command resumes. Of a
-    point, of curves, of points where curves meet, of chaos: one certificate a line. Of a plane: its regions I to V,
-    where motions of period one are and attract, and where quiet is possible, a block a line, of whole columns. Exit
-    status 1 if something is not proved; that does not mean that it is false.
+    For a survey, or a slice of it, all periodic attractors are proved, into a store beside it; the same command
+    resumes. For a point, for curves, for points where curves meet, and for chaos, one certificate is printed a line.
+    For a plane, blocks of its regions I to V are proved, of the motions of period one that exist and attract, and of
+    where quiet running is possible: a block a line, in whole columns. The exit status is 1 if something is not proved,
+    which does not mean that it is false.
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(
             "name the STORE of a survey, or --point DELTA EPSILON, --areas FILE, --codimension-two or --check FILE"
         )
     if curves and store is None:
-        raise typer.BadParameter("--curves are those of a STORE")
+        raise typer.BadParameter("--curves needs a STORE: name a survey")
     if chaos and (point is None or numbers):
-        raise typer.BadParameter("--chaos is of the impacting gear at one --point DELTA EPSILON")
+        raise typer.BadParameter("--chaos is for the impacting gear at one --point DELTA EPSILON: give these alone")
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
     elif check is not None:
@@ -96,7 +97,7 @@ def certify(
 
 
 def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
-    """Yield the certificate of a horseshoe, or why there is none."""
+    """Yield the certificate of a horseshoe, or the reason why there is none."""
     import rattle
     from rattle.proof.chaos.prove import certify_chaos
 
@@ -107,7 +108,7 @@ def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate
 
 
 def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
-    """One a line; what is not proved is said beside."""
+    """Print certificates, one a line, and unproved statements to stderr."""
     refused, found = False, False
     for each in certificates:
         found = True
@@ -138,7 +139,7 @@ def _check(path: Path) -> None:
     refused = False
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     if not any(line.strip() for line in lines):
-        raise typer.BadParameter(f"{file} holds no certificate, so nothing is checked: name a file of certificates")
+        raise typer.BadParameter(f"{file} has no certificate to check: name a file of certificates")
     for number, line in enumerate(lines, 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
@@ -150,7 +151,7 @@ def _check(path: Path) -> None:
 
 
 def _theorem(line: str) -> object:
-    """Return the kind of theorem of a certificate; None of a motion, and of a line that is no certificate."""
+    """Return the kind of theorem of a certificate; None for a motion, and for a line that is not a certificate."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):
@@ -208,7 +209,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
 
                     found = certify_on(client, survey, out, on_done, stop.is_set)
         except SurveyError:
-            if not stop.is_set():  # otherwise the stop is what ended the cluster
+            if not stop.is_set():  # otherwise the stop ended the cluster
                 raise
     if stop.is_set():
         typer.echo(f"Stopped. {out} keeps what is proved; the same command resumes it.", err=True)

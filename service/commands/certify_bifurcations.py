@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 
 def codimension_two_certificates(beta: str) -> Iterator[BifurcationCertificate]:
-    """COD20 to COD23."""
+    """Yield the certificates of COD20 to COD23."""
     from rattle.proof.bifurcations.prove import certify_codimension_two
 
     yield from certify_codimension_two(beta)
 
 
 def points_of_curves(store: str, slice_number: int | None) -> Iterator[BifurcationCertificate | str]:
-    """Yield the certificate of each point of a survey's curves, or why it is not proved."""
+    """Yield the certificate of each point of a survey's curves, or the reason why it is not proved."""
     import rattle
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model

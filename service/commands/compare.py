@@ -1,4 +1,4 @@
-"""``rattle compare``: measured impacts beside the model's."""
+"""``rattle compare``: compare measured impacts with the model's."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from rattle.comparison import Comparison
 
-WIDTH = 140  # numbers are never cut, whatever the terminal
-BAR = 20  # characters of the longest bar
+WIDTH = 140  # wide enough for all numbers, whatever the terminal
+BAR = 20  # length of the longest bar in characters
 
 
 @at_point(timed=True)
@@ -80,7 +80,7 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
         console.print(f"or at {other * turn:.6g} {unit}, which fits about as well ({low:.6g} to {high:.6g})")
     false, unsure = np.count_nonzero(found.wall == 0), np.count_nonzero(~found.is_sure)
     console.print(
-        f"{false} false impacts, which are none of the motion; {unsure - false} others whose wall is not sure"
+        f"{false} false impacts, which the motion does not have; {unsure - false} others whose wall is not sure"
     )
     console.print(f"misfit {found.misfit:.2g} (0: a motion of this gear, 0.5: at random)")
     if found.misfit > POOR:
@@ -95,7 +95,7 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
 
 
 def _histogram(found: Comparison) -> Table:
-    """Impacts per revolution in each part of the phase, as measured and of the nearest attractor."""
+    """Return a table of impacts per revolution in each part of the phase, measured and of the nearest attractor."""
     from rich.table import Table
 
     columns = [("driving side", found.histogram[0]), ("other side", found.histogram[1])]

@@ -1,4 +1,4 @@
-"""``rattle copy``: a store elsewhere, as a directory, in a bucket, in a zip file, or as NetCDF."""
+"""``rattle copy``: copy a store to a directory, a bucket, a zip file, or NetCDF."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def copy(
 ) -> None:
     """Copy a survey to a directory, to a bucket (s3://BUCKET/PREFIX), to a zip file or to NetCDF, by the ending of DST.
 
-    Every file is compared with its checksum when it is read, and again where it was written; NetCDF has checksums of
-    its own. The same command continues a copy that was interrupted. Certificates beside a survey are not copied.
+    Every file is compared with its checksum at the source and at the destination; NetCDF has checksums of its own. The
+    same command continues an interrupted copy. Certificates beside a survey are not copied.
     """
     for each in (source, target):
         if "://" in each and not each.startswith("s3://"):
@@ -41,4 +41,4 @@ def copy(
 
         copied = copy_store(source, target, show)
     kept = f", {copied.kept:,} of them were there already" if copied.kept else ""
-    typer.echo(f"{target} holds it: {copied.files:,} files, {copied.size:,} bytes, all checksums agree{kept}.")
+    typer.echo(f"{target} is complete: {copied.files:,} files, {copied.size:,} bytes, all checksums agree{kept}.")

@@ -1,4 +1,4 @@
-"""``rattle curves``: the curves that divide the plane of one half-backlash."""
+"""``rattle curves``: the bifurcation curves of one half-backlash."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.commands.options import Beta
 if TYPE_CHECKING:
     from rattle.curves import Curve
 
-WIDTH = 160  # numbers are never cut, whatever the terminal
+WIDTH = 160  # wide enough for all numbers, whatever the terminal
 COLUMNS = ("curve", "piece", "delta", "epsilon", "tau", "v", "re1", "im1", "re2", "im2")
 
 

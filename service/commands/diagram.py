@@ -1,4 +1,4 @@
-"""``rattle diagram``: what happens along a line of the (δ, ε) plane."""
+"""``rattle diagram``: the bifurcations along a line of the (δ, ε) plane."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from gear_rattle.service.commands.options import NO_NUMBERS, Beta, with_added
 
-WIDTH = 140  # numbers are never cut, whatever the terminal
+WIDTH = 140  # wide enough for all numbers, whatever the terminal
 MEANINGS = {"SN": "saddle-node", "PD": "flip", "GR": "graze"}
 
 
@@ -34,7 +34,7 @@ def diagram(
     ] = None,
     numbers: Mapping[str, float] = NO_NUMBERS,
 ) -> None:
-    """Print every bifurcation along a line of the plane: of which motion, on which named curve, and where.
+    """Print every bifurcation along a line of the plane, with its motion, its named curve and its position.
 
     One of --delta and --epsilon is a range LOW:HIGH, the other a number; with two ranges the line goes from both low
     ends to both high ends. --figure draws speed and phase of the impacts, as Figures 5 and 9 of the paper.
@@ -72,7 +72,7 @@ def diagram(
 
 
 def _ends(option: str, text: str) -> tuple[float, float]:
-    """Both ends of LOW:HIGH, or twice a number."""
+    """Return both ends of LOW:HIGH, or a number twice."""
     try:
         low, high = (float(part) for part in (text.split(":") if ":" in text else (text, text)))
     except ValueError:

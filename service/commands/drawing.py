@@ -1,4 +1,4 @@
-"""The picture of a survey, as a file."""
+"""Draw a survey into a file."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
 
 def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -> None:
-    """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format.
+    """Draw a survey with three panels into the file `out`, whose suffix is the format.
 
     Parameters
     ----------
     slice_number : int | None
-        Of a survey with a third axis.
+        The slice of a survey with a third axis.
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.pictures.figure import survey_figure
@@ -29,23 +29,23 @@ def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -
 
 
 def write_figure(picture: Figure, out: Path) -> None:
-    """Write a picture; the suffix is the format."""
+    """Write a figure to a file, whose suffix is the format."""
     from gear_rattle.service.errors import ServiceError
 
     try:
         picture.savefig(out)
     except (OSError, ValueError) as error:  # ValueError: a format that matplotlib does not know
         raise ServiceError(f"The picture {out} cannot be written: {error}") from error
-    typer.echo(f"{out} shows it.")
+    typer.echo(f"{out} is written.")
 
 
 def require_writable(out: Path) -> None:
-    """Refuse a picture that could not be written, before the hours that it takes to have something to draw."""
+    """Refuse a file that cannot be written, before the hours of computing that precede its drawing."""
     from matplotlib.backend_bases import FigureCanvasBase
 
     from gear_rattle.service.errors import ServiceError
 
-    known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # which needs a TeX
+    known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # pgf needs TeX
     if out.suffix.removeprefix(".").lower() not in known:
         raise ServiceError(f"The picture {out} has no format: end its name in one of .{', .'.join(sorted(known))}")
     if not out.parent.is_dir():

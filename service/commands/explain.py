@@ -1,4 +1,4 @@
-"""``rattle explain``: what the boundaries of a survey are."""
+"""``rattle explain``: explain the boundaries of a survey."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gear_rattle.service.commands.options import Slice
 if TYPE_CHECKING:
     from gear_rattle.workers.boundaries.explain import Explanation
 
-WIDTH = 160  # numbers are never cut, whatever the terminal
+WIDTH = 160  # wide enough for all numbers, whatever the terminal
 UNEXPLAINED = 1
 
 
@@ -26,10 +26,10 @@ def explain(
     rows: Annotated[int, typer.Option(min=1, help="Largest number of rows of each table.")] = 25,
     slice_: Slice = None,
 ) -> None:
-    """Say which bifurcation curve passes between each two neighbouring cells of a survey that differ.
+    """Name the bifurcation curve that passes between each two neighbouring cells of a survey that differ.
 
-    Cells differ in their region or in their set of attractors. Of a survey with families it is told where they differ
-    because samples missed a motion. Exits with 1 if a boundary of regions has no curve.
+    Cells differ in their region or in their set of attractors. A survey with families also shows where cells differ
+    only because samples missed a motion. The exit status is 1 if a boundary of regions has no curve.
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.boundaries.explain import explain as explained

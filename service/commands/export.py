@@ -1,4 +1,4 @@
-"""``rattle export``: a survey as a file for other programs."""
+"""``rattle export``: write a survey as a file for other programs."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def export(
 ) -> None:
     """Write a survey, finished or not, as NetCDF, CSV or Parquet, by the ending of FILE.
 
-    NetCDF has all that the store has but its levels, with CF conventions; a table has a row for each cell, or for each
-    of its attractors or orbits. They are the files that a service gives for download.
+    NetCDF has everything in the store except its levels, with CF conventions; a table has a row for each cell, or for
+    each attractor or orbit. A service offers the same files for download.
     """
     from gear_rattle.workers.survey.values.schema import RowForm
 
@@ -42,11 +42,11 @@ def export(
         raise typer.BadParameter(f"{form!r} is none of {', '.join(forms)}", param_hint="--form")
     if "://" in store and not store.startswith("s3://"):
         raise typer.BadParameter(
-            f"{store} is a service's, which gives the same files at …/download.nc, .csv and .parquet",
+            f"{store} is a URL of a service: download its files at …/download.nc, .csv or .parquet",
             param_hint="STORE",
         )
     _write(store, out, RowForm(form))
-    typer.echo(f"{out} holds it: {out.stat().st_size:,} bytes.")
+    typer.echo(f"{out} is complete: {out.stat().st_size:,} bytes.")
 
 
 def _write(store: str, out: Path, form: RowForm) -> None:
@@ -68,7 +68,7 @@ def _write(store: str, out: Path, form: RowForm) -> None:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[IO[bytes]]:
-    """Yield a file that takes the place of `path` once it is whole; a failure leaves nothing behind."""
+    """Yield a file that replaces `path` once it is complete; a failure leaves nothing behind."""
     from gear_rattle.service.errors import ServiceError
 
     part = path.with_name(f".{path.name}.{os.getpid()}")

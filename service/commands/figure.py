@@ -1,4 +1,4 @@
-"""``rattle figure``: figures of the paper from computed data, or the picture of a survey."""
+"""``rattle figure``: draw figures of the paper from computed data, or a survey."""
 
 from __future__ import annotations
 
@@ -102,18 +102,18 @@ def figure(
 def _requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
-    """Return the requested figures, all checked before the first is computed."""
+    """Return the requested figures, all of them checked before the first is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
 
     numbers: list[int] = []
     for each in what:
         if each not in (ALL, STIFF) and not each.isdecimal():
-            raise typer.BadParameter(f"{each!r} is no number of a figure", param_hint="NUMBER")
+            raise typer.BadParameter(f"{each!r} is not the number of a figure", param_hint="NUMBER")
         numbers += sorted(FIGURES) if each == ALL else [] if each == STIFF else [int(each)]
     for name in added:
         if STIFF in what:
             raise typer.BadParameter(
-                f"stiff has its own numbers: --{name} is for Figures 5 and 9", param_hint=f"--{name}"
+                f"the figure stiff has fixed numbers: --{name} is for Figures 5 and 9", param_hint=f"--{name}"
             )
     values = parse("--delta", delta), parse("--epsilon", epsilon)
     beta = BETA if beta is None else beta
@@ -145,7 +145,7 @@ def _draw_figures(requests: list[Request | StiffRequest], directory: Path, forma
 
 
 def _require_directory(directory: Path) -> None:
-    """Refuse a place that cannot be written to before the minutes that a figure takes."""
+    """Refuse a directory that cannot be written to, before the minutes that a figure takes."""
     from gear_rattle.service.errors import ServiceError
 
     try:

@@ -1,4 +1,4 @@
-"""``rattle key``: who may use a service. Works beside a running one, which knows of it at once."""
+"""``rattle key``: add, list and revoke API keys, also beside a running service, which notices changes at once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from gear_rattle.service.database import Database
 
-LARGEST = 2**31 - 1  # what a column of integers holds
+LARGEST = 2**31 - 1  # largest value of an integer column
 LONGEST_NAME = 100
 
 app = typer.Typer(help="Add, list and revoke the API keys of a service.", no_args_is_help=True)
@@ -49,12 +49,12 @@ def add(
     data: Data = None,
     database_url: DatabaseUrl = None,
 ) -> None:
-    """Make a key and print it. It is shown this once: the service keeps a hash of it."""
+    """Make a key and print it. It cannot be shown again, because the service keeps only a hash of it."""
     from gear_rattle.service.access.keys import add_key
     from gear_rattle.service.database.tables import Scope
 
     if not (name.isprintable() and 0 < len(name) <= LONGEST_NAME):
-        raise typer.BadParameter(f"NAME has 1 to {LONGEST_NAME} characters that can be printed")
+        raise typer.BadParameter(f"NAME must have 1 to {LONGEST_NAME} printable characters")
     with _database(data, database_url, create=True) as database:
         key, token = add_key(database, name, Scope(scope), max_cells, max_running)
     typer.echo(f"Key {key.id} for {name}. Keep it in RATTLE_API_KEY; it cannot be shown again:", err=True)
@@ -63,7 +63,7 @@ def add(
 
 @app.command("list", epilog="Example: rattle key list")
 def list_keys(data: Data = None, database_url: DatabaseUrl = None) -> None:
-    """List the keys, revoked ones too; never what is secret of them."""
+    """List the keys, including revoked ones, without their secrets."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -85,7 +85,7 @@ def revoke(
     data: Data = None,
     database_url: DatabaseUrl = None,
 ) -> None:
-    """Revoke a key for good. Its surveys stay and go on."""
+    """Revoke a key permanently. Its surveys stay and continue."""
     with _database(data, database_url) as database:
         key = database.revoke_key(key_id)
     typer.echo(f"Key {key.id} for {key.name} is revoked.")
@@ -105,6 +105,6 @@ def _database(data: Path | None, database_url: str | None, create: bool = False)
             directory.path.mkdir(parents=True, exist_ok=True)
         elif not directory.has_database:
             raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
-    # Not exclusive, and without the lock of the directory: a service may run.
+    # Neither exclusive nor with the directory's lock, because a service may run.
     with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:
         yield database

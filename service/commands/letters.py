@@ -1,4 +1,4 @@
-"""Letters for terminals and files that have no others: Σ⁺ and Σ⁻ are S+ and S- in ASCII, not both ``??``."""
+"""Replacements of letters for terminals and files without them: Σ⁺ and Σ⁻ are S+ and S- in ASCII, not ``??``."""
 
 from __future__ import annotations
 

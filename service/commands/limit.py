@@ -1,4 +1,4 @@
-"""``rattle limit``: how far one number of a gear may go."""
+"""``rattle limit``: the design limit of one number of a gear."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gear_rattle.service.commands import options
 if TYPE_CHECKING:
     from rattle import Limit
 
-#: The unit of a machine's number, and how many of it its SI unit is.
+#: The unit in which a machine's number is printed, and its factor from the SI unit.
 MICROMETRES = (" µm", 1e6)
 LENGTHS = ("eccentricity", "backlash", "driven_eccentricity", "mesh_error", "mesh_error_2", "mesh_error_3")
 UNITS = {
@@ -56,9 +56,8 @@ def limit(
 ) -> None:
     """Print up to which value of a number a gear runs quietly often enough.
 
-    The largest eccentricity, mesh error, backlash, restitution or speed, the least drag or load.
-
-    The other numbers are options: delta, epsilon and beta, or a machine's.
+    For eccentricity, mesh error, backlash, restitution and speed this is the largest value, for drag and load the
+    least. The other numbers are options: delta, epsilon and beta, or a machine's.
     """
     from gear_rattle.service.commands.progress import compiling_told
     from rattle import design_limit, design_limits
@@ -80,13 +79,13 @@ def limit(
 
 
 def _words(of: str, share: float, found: Limit, at: str = "") -> str:
-    """Return a limit in a line."""
+    """Return a limit as a line of text."""
     from rattle.populations import SAFE_IF_SMALL
 
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
-        return f"no limit of {of} between the values that were looked at: see --between"
-    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"  # amplitudes of orders are not in it
+        return f"no limit of {of} was found in the searched range: give another one with --between"
+    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"  # amplitudes of orders are not listed
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
 

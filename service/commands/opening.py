@@ -1,4 +1,4 @@
-"""``rattle open``: what a survey holds."""
+"""``rattle open``: show the contents of a survey."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, each declared once."""
+"""Options of several commands, each declared once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NO_NUMBERS: Mapping[str, Any] = MappingProxyType({})
 MACHINE = "A machine in SI units (two equal gears, or with --driven-… unlike ones), instead of delta, epsilon and beta"
 NONE = "none: the impacting model"
 METRES = "in m along the line of action"
-#: The numbers of a gear: what each is, and the default that is shown. Those after what models add are a machine's.
+#: The numbers of a gear, each with its help and the default to show; those of a machine come after the models'.
 NUMBERS: dict[str, tuple[str, str | bool]] = {
     "delta": ("Damping.", False),
     "epsilon": ("Eccentricity.", False),
@@ -64,7 +64,7 @@ DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
-    """Return an option for each of NUMBERS, of this type; the drive is a word."""
+    """Return an option of this type for each of NUMBERS; that of the drive is text."""
     found = {}
     for name, (text, default) in NUMBERS.items():
         taken, shown = (str, "torque|speed") if name == "drive" else (kind, metavar)
@@ -78,22 +78,22 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 def with_options(
     command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command options, None by default but for these.
+    """Give a command options, whose defaults are `defaults` or None.
 
-    It takes what `taken_as` makes of the given ones, by name, for its first argument.
+    Its first argument is then the result of `taken_as` for the given options, by name.
 
     Returns
     -------
     Command
-        A decorator's result, the command.
+        The command with a new signature, which typer reads.
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
-    command.__annotations__.pop(next(iter(command.__annotations__)))  # of a module that is slow to import, perhaps
+    command.__annotations__.pop(next(iter(command.__annotations__)))  # its type may need a module that imports slowly
     own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
     shared = [
         inspect.Parameter(name, keyword, default=defaults.get(name), annotation=kind) for name, kind in options.items()
     ]
-    required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file, named first
+    required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file; they come first
     taken = [*required, *shared, *(each for each in own if each not in required)]
 
     @functools.wraps(command)
@@ -101,7 +101,7 @@ def with_options(
         found = {name: given.pop(name) for name in options}
         command(taken_as({name: value for name, value in found.items() if value is not None}), **given)
 
-    del with_given.__wrapped__  # whose annotations typer would take
+    del with_given.__wrapped__  # typer would read its annotations
     with_given.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
     with_given.__annotations__ = {each.name: each.annotation for each in taken}
     return with_given
@@ -110,21 +110,21 @@ def with_options(
 def with_added(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
-    """Give a command an option for each number that a model adds, behind one of its own.
+    """Give a command an option for each parameter that a model adds, after one of its own options.
 
-    It takes those that are given for its last argument, by name.
+    Its last argument is then a mapping of the given ones, by name.
 
     Parameters
     ----------
     text : str | None
-        What the option is for, with `{}` where its name in words stands; by default as for a point.
+        Help of an option, with `{}` for the parameter's label; by default as for a point.
     model : str | None
-        The one model whose numbers are taken; by default all models'.
+        The only model whose parameters are options; by default those of all models.
 
     Returns
     -------
     Command
-        The command.
+        The command with a new signature, which typer reads.
     """
     own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
     options = [
@@ -150,7 +150,7 @@ def with_added(
         found = {each.name: given.pop(each.name) for each in options}
         command(**given, numbers={name: value for name, value in found.items() if value is not None})
 
-    del with_given.__wrapped__  # whose annotations typer would take
+    del with_given.__wrapped__  # typer would read its annotations
     taken = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
     taken[place:place] = options
     with_given.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
@@ -159,14 +159,14 @@ def with_added(
 
 
 def with_numbers(command: Command) -> Command:
-    """Give a command the numbers of a gear, each one number or a distribution.
+    """Give a command the numbers of a gear, each a number or a distribution.
 
-    It takes those given, as text by name, for its first argument.
+    Its first argument is then a mapping of the given texts, by name.
 
     Returns
     -------
     Command
-        The command.
+        The command with a new signature, which typer reads.
     """
     return with_options(command, number_options(str, "NUMBER|DISTRIBUTION"), lambda given: given)
 
@@ -203,19 +203,12 @@ Scheduler = Annotated[
 
 
 def settings_of(**given: Any) -> Settings:
-    """Return settings of a service; None leaves them to the environment.
-
-    typer.BadParameter names the wrong option.
-
-    Returns
-    -------
-    Settings
-        The settings.
+    """Return settings of a service; None leaves a setting to the environment.
 
     Raises
     ------
     BadParameter
-        If a setting is wrong.
+        A setting is wrong; the message names its option.
     """
     from pydantic import ValidationError
 

@@ -1,11 +1,11 @@
-"""``rattle orbits``: one parameter point."""
+"""``rattle orbits``: the period-one orbits of one parameter point."""
 
 from __future__ import annotations
 
 from gear_rattle.service.commands.at_point import GivenPoint, at_point
 
-WIDTH = 140  # numbers are never cut, whatever the terminal
-NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # of the limits
+WIDTH = 140  # wide enough for all numbers, whatever the terminal
+NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # names of the limits
 
 
 @at_point()
@@ -21,7 +21,7 @@ def orbits(point: GivenPoint) -> None:
     found = model_at(gear).limits(gear.delta)
     limits = [(name, value) for field, name in NAMES.items() if (value := getattr(found, field)) is not None]
     console = Console(highlight=False, width=WIDTH)
-    region = "" if gear.parameters.harmonics else f": {region_in_words(gear.region())}"  # those of one cosine
+    region = "" if gear.parameters.harmonics else f": {region_in_words(gear.region())}"  # regions are for one cosine
     console.print(f"{point.words}{region}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:

@@ -1,4 +1,4 @@
-"""``rattle paper``: the paper's numbers and statements beside the computed ones."""
+"""``rattle paper``: compare the paper's numbers and statements with computed ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from rattle.paper import Report
 
-WIDTH = 140  # numbers are never cut, whatever the terminal
+WIDTH = 140  # wide enough for all numbers, whatever the terminal
 UNEXPECTED = 1
 
 
@@ -26,8 +26,8 @@ def paper(
 ) -> None:
     """Compute every number of Mason and Piiroinen (2009) and show where the paper is wrong or incomplete.
 
-    The last line is the summary. Exit status 1 if a number or statement is off and no finding takes that up, or a
-    finding is not borne out.
+    The last line is the summary. The exit status is 1 if a number or statement differs and no finding explains it, or
+    if the evidence of a finding fails.
     """
     from rattle import paper as checks
 

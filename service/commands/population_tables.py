@@ -9,8 +9,8 @@ if TYPE_CHECKING:
 
     from rattle import Estimate, Population
 
-WIDTH = 140  # numbers are never cut, whatever the terminal
-#: The unit of a machine's number in a table, and how many of it its SI unit is.
+WIDTH = 140  # wide enough for all numbers, whatever the terminal
+#: The unit of a machine's number in a table, and its factor from the SI unit.
 UNITS = {
     "eccentricity": ("µm", 1e6),
     "backlash": ("µm", 1e6),
@@ -22,7 +22,7 @@ UNITS = {
 
 
 def print_population(found: Population) -> None:
-    """Print the answers of a population, in words and tables."""
+    """Print the answers of a population as text and tables."""
     from rich.console import Console
 
     from rattle import RattleError

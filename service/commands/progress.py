@@ -1,4 +1,4 @@
-"""Progress of a survey on a terminal, or as plain lines where there is none."""
+"""Progress of a survey, as a bar on a terminal or as plain lines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLAIN_SECONDS = 10.0
 
 
 class Reporter(Protocol):
-    """Shows how many cells are done, and how many seconds are left if somebody knows better than by the speed."""
+    """Shows the number of computed cells, and the time left, by a run's own estimate or by the speed so far."""
 
     def __enter__(self) -> Self:
         """Begin the display."""
@@ -35,7 +35,7 @@ class Reporter(Protocol):
 
 
 class _Told(logging.Handler):
-    """Says once that kernels are compiled, and then how far that is."""
+    """Log handler that announces a compilation of kernels once, and then prints its progress."""
 
     def emit(self, record: logging.LogRecord) -> None:
         console = Console(stderr=True)
@@ -47,7 +47,7 @@ class _Told(logging.Handler):
 
 @contextmanager
 def compiling_told() -> Iterator[None]:
-    """Tell on stderr what a command waits for that compiles kernels."""
+    """Print on stderr that a command waits for the compilation of kernels."""
     log, told = logging.getLogger("rattle.numerics.compile"), _Told(logging.INFO)
     level = log.level
     log.setLevel(logging.INFO)
@@ -66,7 +66,7 @@ def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
 
 
 class _Speed(ProgressColumn):
-    """Cells per second."""
+    """Column with the cells per second."""
 
     def __init__(self, what: str) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class _Speed(ProgressColumn):
 
 
 class _Left(TimeRemainingColumn):
-    """The time left as a run has told it, else by the speed."""
+    """Column with the time left, by the run's estimate if there is one, else by the speed."""
 
     def render(self, task: Task) -> Text:
         if task.finished or (ends := task.fields.get("ends")) is None:

@@ -28,9 +28,9 @@ def submit(
     force: Force = False,
     watch: Watch = False,
 ) -> None:
-    """Submit a survey to a service and print its id: that of an identical survey, if the service has one.
+    """Submit a survey to a service and print its id; if the service has an identical survey, print the id of that.
 
-    A population of gears is submitted by rattle tolerance --submit.
+    `rattle tolerance --submit` submits a population of gears.
     """
     from gear_rattle.service.client import Client
 
@@ -65,14 +65,14 @@ def list_(
             table.add_row(
                 job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], Text(shown["name"])
             )
-    Console(width=140).print(table)  # ids are never cut
+    Console(width=140).print(table)  # wide enough for ids
 
 
 def watch(
     job_id: Annotated[str, typer.Argument(metavar="ID", help="Id of a survey or of a population.")],
     url: Url = DEFAULT_URL,
 ) -> None:
-    """Follow a survey or a population until it ends, and print where its results are; of a population what follows."""
+    """Follow a survey or a population until it ends; print the location of its results, and a population's answers."""
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
@@ -85,7 +85,7 @@ def describe(
     notes: Annotated[str | None, typer.Option(help="New notes, in place of the present ones.")] = None,
     url: Url = DEFAULT_URL,
 ) -> None:
-    """Give a survey of a service another name, or notes, and print both."""
+    """Give a survey of a service another name or other notes, and print both."""
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
@@ -112,7 +112,7 @@ def _job(client: Client, job_id: str) -> Job:
 
 
 def follow_job(job: Job) -> None:
-    """Show how far it is until it ends, and then what is known."""
+    """Show the progress of a job until it ends, and then its results."""
     from gear_rattle.service.commands.progress import reporter
 
     of_gears = job.kind == "population"

@@ -1,4 +1,4 @@
-"""``rattle run``: a survey without a server."""
+"""``rattle run``: compute a survey without a server."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run(
 
 
 def _percent(share: float) -> str:
-    """To two digits: 0.22, 100."""
+    """Return a share in per cent with two digits, such as 0.22 or 100."""
     return f"{float(f'{100 * share:.2g}'):g}"
 
 

@@ -1,4 +1,4 @@
-"""``rattle serve``: the REST service."""
+"""``rattle serve``: run the REST service and the explorer."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def serve(
     """Serve surveys over HTTP, until SIGINT or SIGTERM.
 
     Surveys that an earlier server left unfinished in DIR are resumed. Environment variables set the limits, such as
-    RATTLE_MAX_CELLS. On another address than those of this machine only, every request needs an API key (`rattle key
-    add`). TLS is left to a proxy in front.
+    RATTLE_MAX_CELLS. On any address but loopback every request needs an API key (`rattle key add`). A proxy in front
+    provides TLS.
     """
     from gear_rattle.service.access.origins import is_loopback
     from gear_rattle.service.app import create_app
@@ -66,7 +66,7 @@ def serve(
     with opened(settings) as (_, database):
         require_keys(settings, database)
     if settings.insecure:
-        typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)
+        typer.echo(f"Everybody who reaches {settings.host} may use this service: no key is needed.", err=True)
     if not (is_loopback(settings.host) or settings.behind_proxy):
         typer.echo(
             f"Other machines reach this service at {settings.host} without a proxy: there is no TLS, and slow clients "
@@ -80,7 +80,7 @@ def serve(
 
 
 def require_keys(settings: Settings, database: Database) -> None:
-    """Raise AccessError where keys are asked and nobody has one."""
+    """Raise AccessError if keys are needed and none exists."""
     from gear_rattle.service.access.keys import has_live_key
     from gear_rattle.service.access.middleware import asks_keys
     from gear_rattle.service.errors import AccessError

@@ -1,4 +1,4 @@
-"""``rattle sound``: what a motion sounds like."""
+"""``rattle sound``: write a motion's impacts as a sound."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def sound(
 
 
 def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """Return the attractor of this number, or the one that rattles hardest."""
+    """Return the attractor with this number, or without a number the one with the most energy."""
     if number is not None:
         if not 1 <= number <= len(found):
-            raise typer.BadParameter(f"there are attractors 1 to {len(found)}", param_hint="--attractor")
+            raise typer.BadParameter(f"no attractor {number}: give 1 to {len(found)}", param_hint="--attractor")
         return found[number - 1]
     told = [each for each in found if each.kind != "undecided"]
     return max(told or found, key=lambda each: point.gear.intensity(each).energy)

@@ -1,4 +1,4 @@
-"""The options of a survey, which `rattle run` and `rattle submit` take, and the request that they describe."""
+"""The options of a survey for `rattle run` and `rattle submit`, and the request that they describe."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def _axis(name: str) -> Any:
 
 
 _OF_A_MACHINE = number_options(float)
-#: Every option of a survey; those that are fields of `SurveyRequest` or its sample have their names, and their defaults
-#: are told here, for the request is slow to import.
+#: Every option of a survey. Fields of `SurveyRequest` and of its sample keep their names; their defaults are repeated
+#: here because the request is slow to import.
 OPTIONS: dict[str, Any] = {
     "delta": _axis("delta"),
     "epsilon": _axis("epsilon"),
@@ -124,29 +124,22 @@ OPTIONS: dict[str, Any] = {
         show_default=False,
     ),
 }
-#: Of those that always have a value.
+#: Defaults of options that always have a value.
 DEFAULTS = {"count": 64, "seed": 0}
 
 
 def with_survey(command: Command) -> Command:
-    """Give a command the options of a survey; it takes the `SurveyRequest` of them for its first argument."""
+    """Give a command the options of a survey; its first argument is then the `SurveyRequest` that they describe."""
     return with_options(command, OPTIONS, survey_request, **DEFAULTS)
 
 
 def survey_request(given: dict[str, Any]) -> SurveyRequest:
-    """Return the request that these options describe, defaults for all others.
-
-    Typer.BadParameter names the option that is wrong.
-
-    Returns
-    -------
-    SurveyRequest
-        The request.
+    """Return the request that these options describe.
 
     Raises
     ------
     BadParameter
-        If an option is wrong.
+        An option is wrong; the message names it.
     """
     from pydantic import ValidationError
 

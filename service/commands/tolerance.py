@@ -1,4 +1,4 @@
-"""``rattle tolerance``: what the tolerances of a gear make of it."""
+"""``rattle tolerance``: compute how a gear's tolerances affect its running."""
 
 from __future__ import annotations
 
@@ -66,11 +66,10 @@ def tolerance(
     force: Force = False,
     watch: Watch = False,
 ) -> None:
-    """Compute a population of gears, write it to PATH, and print what follows from it.
+    """Compute a population of gears, write it to PATH, and print its answers.
 
-    Or submit it to a service, and print its id: that of an identical population, if the service has one.
-
-    A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
+    With --submit a service computes it instead, and its id is printed: that of an identical population, if the service
+    has one. A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
     lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last
     bit.
     """
@@ -130,11 +129,11 @@ def _request(
             found, matrix = rattle.read_gears(measured)
             if both := sorted(found.keys() & gear.keys()):
                 raise typer.BadParameter(
-                    f"{' and '.join(both)} of {measured} and of the command line: give one of both"
+                    f"{measured} and the command line both have {' and '.join(both)}: give one of both"
                 )
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
-                raise typer.BadParameter(f"what varies is in {measured}: give plain numbers for all else")
+                raise typer.BadParameter(f"{measured} has the varying numbers: give one value for each other number")
             gear |= {name: as_requested(each) for name, each in found.items()}
         elif pairs:
             matrix = _matrix(Tolerances({**numbers}).names, pairs)
@@ -151,7 +150,7 @@ def _request(
 
 
 def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
-    """Return the matrix of these correlations."""
+    """Return the correlation matrix of these correlations."""
     import numpy as np
 
     matrix, given = np.eye(len(names)), list[set[int]]()
@@ -163,7 +162,7 @@ def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
         except ValueError:
             known = ", ".join(names)
             raise typer.BadParameter(
-                f"correlation {text!r}: write NAME:NAME:NUMBER, with two of what varies ({known})"
+                f"correlation {text!r}: write NAME:NAME:NUMBER, with two of the varying numbers ({known})"
             ) from None
         if {i, j} in given:
             raise typer.BadParameter(f"correlation {text!r}: that of {first} and {second} is given twice")

@@ -1,4 +1,4 @@
-"""``rattle verify``: whether a store still holds what was computed."""
+"""``rattle verify``: check that a store still holds the computed bytes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def verify(
 ) -> None:
     """Read every file of a store and compare it with its checksum. Exit status 1 if any is damaged or lost.
 
-    Of a survey: its cells, curves, families and levels, and the certificates beside it. A chunk that is not there is
-    lost once the survey was completed. The command that computed the survey, or POST /v1/surveys/ID/verify, computes
-    again what is damaged, and only that.
+    The files of a survey are its cells, curves, families and levels, and the certificates beside it. In a completed
+    survey a missing chunk counts as lost. The command that computed the survey, or POST /v1/surveys/ID/verify, computes
+    damaged parts again, and only these.
     """
     from gear_rattle.workers import examine, place_of
     from gear_rattle.workers.certificates import examine_beside, examine_certificates, holds_certificates
@@ -53,7 +53,7 @@ def _print_survey(found: Integrity, where: str) -> None:
     if found.decoded:
         typer.echo(
             f"{found.files:,} chunks decoded, {len(found.template):,} damaged. It has no checksums that this version "
-            "reads: only its own version tells whether others are lost or in another's place"
+            "reads: verify it with its own version to find lost or exchanged chunks"
         )
         return
     missing = found.tiles - len(found.done) - len(found.damaged)
@@ -67,4 +67,4 @@ def _print_certificates(found: CertificatesIntegrity) -> None:
     if found.complete:
         typer.echo(f"{found.path}: certificates, {found.files:,} files read, {len(found.damaged):,} damaged")
     else:
-        typer.echo(f"{found.path}: certificates, not all tried yet, so without checksums: not verified")
+        typer.echo(f"{found.path}: certificates are unfinished, so they have no checksums and are not verified")

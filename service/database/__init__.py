@@ -1,4 +1,4 @@
-"""The job database: the truth about every survey. The cluster is disposable, this is not."""
+"""The job database: the authoritative record of every survey, while the cluster can be replaced."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.database.hold import Hold, hold
 from gear_rattle.service.database.identity import NewJob
 from gear_rattle.service.database.keys import Keys
 from gear_rattle.service.database.schema import is_current, upgrade_schema
-from gear_rattle.service.database.surveys import DoneTile, Surveys
+from gear_rattle.service.database.survey_rows import DoneTile, Surveys
 from gear_rattle.service.errors import DataDirectoryError
 
 __all__ = ["Database", "DoneTile", "NewJob"]
@@ -29,16 +29,16 @@ class Database(Surveys, Keys):
     on_change
         Called with the id of a survey after each commit that added an event to it.
     exclusive
-        Hold the database against every other service until it is closed. A short-lived tool beside a running service
-        says False: it holds it only while it has to bring the schema up to date.
+        Lock the database against other services until it is closed. A short-lived tool beside a running service passes
+        False: it locks it only while it upgrades the schema.
     require
-        Called before each transaction; what it raises is raised.
+        Called before each transaction; its exceptions are passed on.
 
     Raises
     ------
     DataDirectoryError
-        The database cannot be opened, another service holds it, or it belongs to another program or to a newer version;
-        it is left as it was.
+        The database cannot be opened, another service has locked it, or it belongs to another program or to a newer
+        version; it is left unchanged.
     """
 
     def __init__(
@@ -61,16 +61,16 @@ class Database(Surveys, Keys):
             raise DataDirectoryError(f"The job database {_shown(url)} cannot be opened: {error}") from error
 
     def close(self) -> None:
-        """Let others have the database, and close every connection: last, since what holds it reads from it."""
+        """Release the lock, and close every connection."""
         if self._hold is not None:
             self._hold.release()
             self._hold = None
-        # A thread whose request was cancelled may still read: what it gives back is closed then, not kept.
+        # A thread of a cancelled request may still read. Its connection is then closed when it is returned to the pool.
         event.listen(self._reader, "checkin", _close_checked_in)
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        current = is_current(self._reader)  # refuses what is not ours before anything is touched
+        current = is_current(self._reader)  # refuses other programs' databases before any change
         if current and not exclusive:
             return
         self._hold = hold(self._reader)
@@ -92,5 +92,5 @@ def _close_checked_in(_: Any, record: Any) -> None:
 def _shown(url: str | URL) -> str:
     try:
         return shown(make_url(url))
-    except SQLAlchemyError:  # not a URL at all: whatever it holds, perhaps a password, is not repeated
+    except SQLAlchemyError:  # not a URL; it is not shown because it may contain a password
         return "of the settings"

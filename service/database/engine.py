@@ -1,4 +1,4 @@
-"""Opens SQLite or PostgreSQL so that both mean the same by a transaction, and both keep what they have committed."""
+"""Open SQLite or PostgreSQL so that both have the same transactions, and keep what they have committed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.errors import DataDirectoryError
 
 BUSY_SECONDS = 10
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
-FILE = "file"  # in what is noted of a connection
+FILE = "file"  # key in the info of a connection
 UNPOOLED = {"poolclass": NullPool}
 
 
@@ -25,17 +25,17 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     url : str | URL
         SQLAlchemy URL.
     pool : dict[str, Any]
-        How connections are kept; :data:`UNPOOLED` keeps none.
+        Options of the pool of connections; :data:`UNPOOLED` keeps none.
 
     Returns
     -------
     Engine
-        The engine.
+        For SQLite or PostgreSQL, with its pragmas and limits set.
 
     Raises
     ------
     DataDirectoryError
-        Neither SQLite in a file nor PostgreSQL.
+        The URL is neither a SQLite file nor PostgreSQL.
     """
     parsed = make_url(url)
     kind = parsed.get_backend_name()
@@ -49,12 +49,12 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
 
 
 def shown(url: URL) -> str:
-    """Return the URL for people and logs, without its password."""
+    """Return the URL without its password, for messages and logs."""
     return url.render_as_string(hide_password=True)
 
 
 def _json_of(text: Any) -> Any:
-    """Return a value of JSON; None if it is damaged, or one row would keep all others from being read."""
+    """Return a JSON value; None if it is damaged, so that one row does not prevent reading the others."""
     try:
         return json.loads(text)
     except (ValueError, TypeError, RecursionError):
@@ -62,7 +62,7 @@ def _json_of(text: Any) -> Any:
 
 
 def _text_of(stored: bytes) -> str:
-    return stored.decode("utf-8", "replace")  # for the same reason
+    return stored.decode("utf-8", "replace")  # a damaged row must not prevent reading the others
 
 
 def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
@@ -72,14 +72,14 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
     def set_pragmas(connection: Any, record: Any) -> None:
         record.info[FILE] = _file(url)
         connection.text_factory = _text_of
-        connection.isolation_level = None  # sqlite3 shall not start transactions behind SQLAlchemy's back
-        # FULL: in WAL mode, NORMAL takes back the last commits when the power fails, and a client was told of them.
+        connection.isolation_level = None  # SQLAlchemy starts transactions, not sqlite3
+        # FULL, because in WAL mode NORMAL loses the last commits, already confirmed to clients, when the power fails.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "checkout")
     def require_same_file(connection: Any, record: Any, proxy: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
-        # A disk that was away may come back as another device: what is open would go on writing to the one that was.
+        # A disk that was away may return as another device, and open connections would still write to the old one.
         if (found := _file(url)) is not None and found != record.info[FILE]:
             raise InvalidatePoolError("the file has been replaced")
 
@@ -93,7 +93,7 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
 
 
 def _file(url: URL) -> tuple[int, int] | None:
-    """Return the identity of the file that the path of a SQLite database names now, if any."""
+    """Return the identity of the file at a SQLite database's path, None if there is no file."""
     try:
         found = os.stat(str(url.database))
     except OSError:
@@ -104,7 +104,7 @@ def _file(url: URL) -> tuple[int, int] | None:
 def _open_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
     if url.drivername == "postgresql":
         url = url.set(drivername="postgresql+psycopg")
-    # A writer that stands still, or a host that is gone, holds the others up for seconds, not for ever.
+    # A stuck writer, or a vanished host, blocks the others for seconds, not indefinitely.
     limits = {"lock_timeout": f"{BUSY_SECONDS}s", "idle_in_transaction_session_timeout": "60s"}
     alive = {"tcp_keepalives_idle": 10, "tcp_keepalives_interval": 5, "tcp_keepalives_count": 3}
     given = url.query.get("options", "")
@@ -115,12 +115,12 @@ def _open_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
         "keepalives_idle": 10,
         "keepalives_interval": 5,
         "keepalives_count": 3,
-        "client_encoding": "UTF8",  # of a SQL_ASCII database SQLAlchemy would else not even read the version
+        "client_encoding": "UTF8",  # otherwise SQLAlchemy cannot read the version of a SQL_ASCII database
     }
     arguments = {name: value for name, value in client.items() if name not in url.query}
     return create_engine(
         url,
         connect_args=arguments | {"options": " ".join(options).strip()},
-        isolation_level="READ COMMITTED",  # a writer sees what the one before it committed
+        isolation_level="READ COMMITTED",  # a writer sees the commits of the writer before it
         **pool,
     )

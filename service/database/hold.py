@@ -1,4 +1,4 @@
-"""Keep a second service off a job database: by a locked file beside SQLite, by an advisory lock in PostgreSQL."""
+"""Keep a second service off a job database, by a locked file beside SQLite or an advisory lock in PostgreSQL."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gear_rattle.service.database.engine import BUSY_SECONDS, open_engine, shown
 from gear_rattle.service.errors import DataDirectoryError
 
 LOCK = 0x6765_6172_7261_7474  # "gearratt", the number of the advisory lock
-#: One connection, opened anew when it is lost.
+#: A pool of one connection, which is reopened after it is lost.
 WRITER = {"pool_size": 1, "max_overflow": 0, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
 
 
@@ -22,16 +22,16 @@ class Hold(Protocol):
     writer: Engine
 
     def release(self) -> None:
-        """Let another service have the database."""
+        """Release the lock, so that another service can use the database."""
 
 
 def hold(engine: Engine) -> Hold:
-    """Lock a job database. Every write goes through the `writer` of the lock.
+    """Lock a job database. Every write uses the `writer` of the lock.
 
     Returns
     -------
     Hold
-        The lock.
+        The lock, with its writing engine.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def _held_by_another(engine: Engine) -> DataDirectoryError:
 
 
 class _FileHold:
-    """A locked file beside the SQLite file. Closing the SQLite file itself would drop SQLite's own locks."""
+    """A lock file beside the SQLite file. Opening and closing the SQLite file itself would drop SQLite's own locks."""
 
     def __init__(self, engine: Engine) -> None:
         with engine.connect() as connection:
@@ -68,9 +68,9 @@ class _FileHold:
 
 
 class _SessionHold:
-    """An advisory lock of the one PostgreSQL session that writes.
+    """An advisory lock of the single PostgreSQL session that writes.
 
-    A session that is lost takes its lock with it. The next write opens another, which takes the lock again or fails.
+    A lost session loses its lock. The next write opens another session, which locks again or fails.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -89,7 +89,7 @@ class _SessionHold:
     def release(self) -> None:
         @event.listens_for(self.writer, "close")
         def unlock(connection: Any, _: Any) -> None:
-            # The server ends a closed session a moment later, and until then would refuse the next service.
+            # The server ends a closed session a moment later. Until then the lock would refuse the next service.
             if not connection.broken:
                 connection.execute(f"SELECT pg_advisory_unlock({LOCK})")
 

@@ -1,4 +1,4 @@
-"""Identify the survey that a submission already is: by its idempotency key, or by its content."""
+"""Find the survey that a submission repeats, by its idempotency key or by its content."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from sqlalchemy.orm import Session
 from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobKind, JobRow, State
 from gear_rattle.service.errors import ConflictError
 
-#: Idempotency keys of one survey that are remembered beside that which it was made with.
+#: The most further idempotency keys that are stored for one survey.
 MOST_ANSWERED = 100
 
 
 @dataclass(frozen=True)
 class NewJob:
-    """Survey at its acceptance; ``body_hash`` tells one body from another under the same key.
+    """A survey at its acceptance; ``body_hash`` distinguishes bodies under the same idempotency key.
 
-    Owners, which are ids of API keys, have idempotency keys of their own.
+    Each owner, given by the id of an API key, has its own idempotency keys.
     """
 
     name: str
@@ -35,14 +35,14 @@ class NewJob:
 
     @property
     def stored_key(self) -> str | None:
-        """The idempotency key as the database holds it, the owner's own."""
+        """The idempotency key in the database, which includes the owner."""
         if self.owner is None or self.idempotency_key is None:
             return self.idempotency_key
-        return f"{self.owner} {self.idempotency_key}"  # a header's key holds no space
+        return f"{self.owner} {self.idempotency_key}"  # keys in headers have no spaces
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """Return the survey that was answered with under the same idempotency key; ConflictError if it had another body."""
+    """Return the survey with the same idempotency key; ConflictError if it has another body."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
@@ -58,14 +58,14 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
 
 
 def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
-    """Return a survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
+    """Return a survey of the same content: a successful one of anybody, or an active one of the same owner.
 
-    One that waits or runs can be dismissed by its owner, and nobody else shall lose a survey by that.
+    Active surveys of other owners do not count, because their owners could dismiss them.
 
     Returns
     -------
     JobRow | None
-        The survey, or None.
+        None if there is none, or its results are gone.
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())

@@ -1,4 +1,4 @@
-"""API keys: kept as hashes, revoked but never deleted."""
+"""API keys: stored as hashes, revoked but never deleted."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, times
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import UnknownKeyError
 
-#: Browsers that are signed in with one key; the oldest of more is signed out.
+#: The most browsers that are signed in with one key; a further one signs out the oldest.
 MOST_SESSIONS = 64
-#: Who was let in: the id of a key, and the hash of a session, if it was a browser that showed one.
+#: Identity of an authorised caller: the id of a key, and the hash of the session if it is a browser.
 Identity = tuple[str, str | None]
 
 
 class Keys(Transactions):
-    """The keys of a job database. What a key is worth is decided elsewhere."""
+    """The keys of a job database. Their permissions are checked elsewhere."""
 
     def add_key(
         self,
@@ -36,20 +36,20 @@ class Keys(Transactions):
         Parameters
         ----------
         name : str
-            For people; need not be unique.
+            Shown to people; need not be unique.
         key_hash : str
-            Of the secret, which is stored nowhere.
+            Hash of the secret, which is not stored.
         scopes : Collection[Scope]
-            What it allows.
+            Permissions of the key.
         max_cells : int | None
-            Cells of all surveys of this key that wait, run or are kept; None for any number.
+            The most cells of all surveys of this key, active and stored; None for no limit.
         max_running : int | None
-            Surveys of this key that wait or run, None for the limit of the service.
+            The most active surveys of this key; None for the limit of the service.
 
         Returns
         -------
         KeyRow
-            The key.
+            The row, with its new id.
         """
         with self._write() as (session, _):
             key = KeyRow(
@@ -64,12 +64,12 @@ class Keys(Transactions):
         return key
 
     def keys(self) -> Sequence[KeyRow]:
-        """Return every key, oldest first, revoked ones too."""
+        """Return every key, oldest first, including revoked ones."""
         with self._read() as session:
             return session.scalars(select(KeyRow).order_by(KeyRow.created, KeyRow.id)).all()
 
     def revoke_key(self, key_id: str) -> KeyRow:
-        """Revoke a key for good; its surveys go on. UnknownKeyError if there is none of this id."""
+        """Revoke a key permanently; its surveys continue. UnknownKeyError if there is no key with this id."""
         with self._write() as (session, _):
             key = session.get(KeyRow, key_id) if "\0" not in key_id else None
             if key is None:
@@ -86,7 +86,7 @@ class Keys(Transactions):
             ).one_or_none()
 
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
-        """Sign a browser in for so long; what has expired is forgotten."""
+        """Sign a browser in for so many seconds, and delete expired sessions."""
         with self._write() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
@@ -95,7 +95,7 @@ class Keys(Transactions):
             session.add(SessionRow(hash=session_hash, key=key_id, expires=timestamp(seconds)))
 
     def key_by_session(self, session_hash: str) -> KeyRow | None:
-        """Return the key that a browser has signed in with, unless that has expired, or the key was revoked."""
+        """Return the key of a browser's session, unless the session has expired or the key was revoked."""
         with self._read() as session:
             return session.scalars(_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
 
@@ -105,7 +105,7 @@ class Keys(Transactions):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
     def still_in(self, identities: Collection[Identity]) -> set[Identity]:
-        """Return those of them whose keys were not revoked, and whose sessions go on."""
+        """Return the identities whose keys are not revoked and whose sessions have not ended."""
         keys = {key for key, _ in identities}
         hashes = {session_hash for _, session_hash in identities if session_hash is not None}
         with self._read() as session:

@@ -1,4 +1,4 @@
-"""The schema of the job database: what may be opened, and how it is brought to the present."""
+"""The schema of the job database: refuse other schemas, and upgrade older ones."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 
 
 def is_current(engine: Engine) -> bool:
-    """Return whether the schema is that of this version. Reads only.
+    """Return whether the schema is that of this version, without writing.
 
     Returns
     -------
     bool
-        True if it is current.
+        False for an empty database, and for an older schema that can be upgraded.
 
     Raises
     ------
@@ -57,11 +57,11 @@ def is_current(engine: Engine) -> bool:
 
 
 def upgrade_schema(engine: Engine) -> None:
-    """Bring the schema to the present, data included, in one transaction. Whoever calls holds the database."""
+    """Upgrade the schema and the data in one transaction. The caller has locked the database."""
     from alembic import command
 
     if engine.dialect.name == "sqlite":
-        with engine.connect() as connection:  # lasts; after the database is known to be ours
+        with engine.connect() as connection:  # the mode is permanent, so the owner of the database is checked before
             connection.exec_driver_sql("COMMIT")
             connection.exec_driver_sql("PRAGMA journal_mode=WAL")
             connection.exec_driver_sql("BEGIN")

@@ -1,4 +1,4 @@
-"""Tables of the job database. A change here takes a new revision in `service/migrations` too."""
+"""Tables of the job database. A change here also needs a new revision in `service/migrations`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class State(StrEnum):
 
     @property
     def final(self) -> bool:
-        """True if the state does not change any more."""
+        """True if the state cannot change any more."""
         return self not in ACTIVE
 
 
@@ -40,7 +40,7 @@ IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def timestamp(later: float = 0.0) -> str:
-    """Return the present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
+    """Return the present instant, or one so many seconds later: ISO 8601 in UTC, which sorts as text by time."""
     return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
 
@@ -49,7 +49,7 @@ class Table(DeclarativeBase):
 
 
 class JobRow(Table):
-    """A survey, or a population: its request and where it stands."""
+    """A survey or a population: its request and its state."""
 
     __tablename__ = "jobs"
 
@@ -75,7 +75,7 @@ class JobRow(Table):
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
     kind: Mapped[str] = mapped_column(default=JobKind.SURVEY)
 
-    # Without autoincrement SQLite hands the number of a deleted last row out again.
+    # Without autoincrement SQLite reuses the number of a deleted last row.
     __table_args__ = (
         Index("ix_jobs_owner", "owner", "number"),
         Index("ix_jobs_kind", "kind", "number"),
@@ -86,17 +86,17 @@ class JobRow(Table):
 
     @property
     def is_readable(self) -> bool:
-        """True if the request is one; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
+        """True if the request is valid; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
         return isinstance(self.request, dict)
 
     @property
     def called(self) -> str:
-        """Its name; without one, the beginning of its id."""
+        """The name; without one, the beginning of the id."""
         return self.name or f"survey {self.id[:6]}"
 
     @property
     def shown(self) -> tuple[State, str]:
-        """State and message for whoever asks: nothing can be done with what cannot be read."""
+        """State and message for readers; a survey with a damaged row counts as failed."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 
     @property
@@ -108,9 +108,9 @@ class JobRow(Table):
 
 
 class TileRow(Table):
-    """A tile that is done. A tile without a row is still to be computed.
+    """A finished tile. Tiles without a row are still to be computed.
 
-    ``failures`` holds the indices and messages of the first ``failed`` cells.
+    ``failures`` has the indices and messages of the first ``failed`` cells.
     """
 
     __tablename__ = "tiles"
@@ -122,14 +122,14 @@ class TileRow(Table):
     failed: Mapped[int]
     failures: Mapped[list[dict[str, Any]]] = mapped_column(JSON)
 
-    # Few tiles have failures: those are found without reading the others.
+    # Few tiles have failures; the index finds them without reading the others.
     __table_args__ = (
         Index("ix_tiles_failed", "job", "index", sqlite_where=text("failed > 0"), postgresql_where=text("failed > 0")),
     )
 
 
 class EventRow(Table):
-    """Something that happened to a survey; ids grow by one within it."""
+    """An event of a survey; ids increase by one within a survey."""
 
     __tablename__ = "events"
 
@@ -141,9 +141,9 @@ class EventRow(Table):
 
 
 class AnsweredRow(Table):
-    """An idempotency key that was answered with a survey that was there already: that one holds its own key itself.
+    """An idempotency key whose submission was answered with an existing survey, which has its own key in its row.
 
-    Of each survey the latest are kept.
+    Only the latest keys of each survey are kept.
     """
 
     __tablename__ = "answered"
@@ -162,7 +162,7 @@ class Scope(StrEnum):
 
 
 class KeyRow(Table):
-    """An API key, known by its hash only. A revoked key stays: surveys name it as their owner."""
+    """An API key, with its hash only. Revoked keys are kept, because surveys name them as owners."""
 
     __tablename__ = "keys"
 
@@ -177,7 +177,7 @@ class KeyRow(Table):
 
 
 class SessionRow(Table):
-    """A browser that has signed in with a key, known by the hash of what its cookie holds."""
+    """A session of a browser that has signed in with a key, with the hash of its cookie's token."""
 
     __tablename__ = "sessions"
 
@@ -188,10 +188,10 @@ class SessionRow(Table):
 
 
 class ServiceRow(Table):
-    """The one row that every writer locks first: there is one writer at a time, on every database.
+    """The single row that every writer locks first, so that any database has one writer at a time.
 
-    ``epoch`` grows with each service that takes the database; ``surveys`` and ``populations`` are how many there are;
-    ``directory`` is the identity of the data directory with their stores, if the database is elsewhere.
+    ``epoch`` grows with each service that opens the database; ``surveys`` and ``populations`` are their numbers;
+    ``directory`` is the identity of the data directory with the stores, if the database is elsewhere.
     """
 
     __tablename__ = "service"

@@ -1,4 +1,4 @@
-"""Reading and writing transactions, on which every room of the database is built."""
+"""Reading and writing transactions, the base of all classes of the database."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gear_rattle.service.database.tables import ServiceRow
 from gear_rattle.service.errors import DataDirectoryError, UnavailableError
 
 TAKEN = (
-    "Another service has used the job database meanwhile, so this one writes no more. "
+    "Another service has used the job database meanwhile, so this service has stopped writing. "
     "Stop one of them, and start the other again."
 )
 
@@ -29,7 +29,7 @@ class Transactions:
     on_change
         Called with the id of a survey after each commit that added an event to it.
     require
-        Called before each transaction; what it raises is raised.
+        Called before each transaction; its exceptions are passed on.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Transactions:
         self._writing = threading.Lock()
 
     def _write_with(self, engine: Engine) -> None:
-        """Write through this engine from now on."""
+        """Use this engine for writing from now on."""
         self._writer = engine.execution_options(writes=True)
 
     @contextmanager
@@ -54,7 +54,7 @@ class Transactions:
 
     @contextmanager
     def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
-        """Yield a transaction that no other writer overlaps, so that it may decide by the rows that it reads.
+        """Yield a transaction without concurrent writers, so that it may decide by the rows that it reads.
 
         Yields
         ------
@@ -64,22 +64,22 @@ class Transactions:
         Raises
         ------
         UnavailableError
-            Another service has taken the database since this one did, or writers before take long.
+            Another service has opened the database since this one did, or earlier writers take too long.
         """
         self._require()
         with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             try:
                 service = session.scalars(select(ServiceRow).with_for_update()).one()
-            except DataDirectoryError as error:  # a lost connection is opened anew, and another service has the lock
+            except DataDirectoryError as error:  # a lost connection was reopened, and another service has the lock
                 raise UnavailableError(TAKEN) from error
             if self._epoch not in (None, service.epoch):
-                session.connection().invalidate()  # lets go of the lock, if this connection has it
+                session.connection().invalidate()  # releases the lock, if this connection has it
                 raise UnavailableError(TAKEN)
             yield session, service
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        # SQLite lets writers that meet sleep ever longer instead of queueing them: some would wait for seconds.
+        # SQLite lets competing writers sleep longer and longer instead of queueing them: some would wait for seconds.
         if not self._writing.acquire(timeout=BUSY_SECONDS):
             raise UnavailableError("The job database has too much to write. Try again in a few seconds.")
         try:
@@ -88,11 +88,11 @@ class Transactions:
             self._writing.release()
 
     def directory(self) -> str | None:
-        """Identity of the data directory with the stores, if one was noted."""
+        """Return the identity of the data directory with the stores, if one was recorded."""
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))
 
     def remember_directory(self, identity: str) -> None:
-        """Note which data directory has the stores."""
+        """Record which data directory has the stores."""
         with self._write() as (_, service):
             service.directory = identity

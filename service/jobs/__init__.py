@@ -1,1 +1,1 @@
-"""The thread that runs surveys, and where stores lie."""
+"""Run surveys in a thread, and locate their stores."""

@@ -1,4 +1,4 @@
-"""Events of surveys, from the thread that runs them to any number of streams: read and written down once for all."""
+"""Send events of surveys from the thread that runs them to any number of streams, reading each event once."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import EventRow, State
 from gear_rattle.service.errors import UnavailableError, UnknownSurveyError
 
-KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
-PAUSE = 0.05  # between two reads: what happens meanwhile is sent together
+KEPT = 512  # latest events of a survey in memory; slower listeners read the database
+PAUSE = 0.05  # time between two reads; events in between are sent together
 RETRY_SECONDS = 1.0
 WOKEN_TOGETHER = 50
 
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """An event as it is sent; nothing follows the last one."""
+    """An encoded event; `last` is true if no event can follow."""
 
     id: int
     text: bytes
@@ -37,7 +37,7 @@ class Written:
 
 
 def written_event(rows: Sequence[EventRow]) -> list[Written]:
-    """Events of the database as they are sent."""
+    """Return rows of events encoded for a stream."""
     return [
         Written(
             row.id,
@@ -49,7 +49,7 @@ def written_event(rows: Sequence[EventRow]) -> list[Written]:
 
 
 class Feed:
-    """The latest events of a survey that somebody watches. Belongs to one event loop."""
+    """The latest events of a survey that has listeners. It belongs to one event loop."""
 
     def __init__(self, survey_id: str, read: Read, last: int) -> None:
         self._survey_id, self._read, self._last = survey_id, read, last
@@ -59,15 +59,15 @@ class Feed:
         self.listeners: set[asyncio.Event] = set()
         self.deleted = False
         self._task = self._loop.create_task(self._keep_up())
-        self._stale.set()  # something may have happened since `last` was read
+        self._stale.set()  # there may be events after `last`
 
     def changed(self) -> None:
-        """Look into the database. Called from any thread."""
+        """Read new events from the database. May be called from any thread."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def after(self, seen: int) -> list[Written] | None:
-        """Return the events that follow number `seen`, as far as they are known; None if they are no longer kept."""
+        """Return the events after number `seen`, as far as they are read; None if some are no longer kept."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
@@ -92,11 +92,11 @@ class Feed:
                 continue
             else:
                 if rows:
-                    self._stale.set()  # perhaps more than one read gives
+                    self._stale.set()  # there may be more than one read returns
                     self._last = rows[-1].id
                     self._recent = (self._recent + written_event(rows))[-KEPT:]
             if self.deleted or rows:
-                # Some at a time: between them, what else has arrived is answered.
+                # In groups, so that the event loop can answer requests in between.
                 listeners = tuple(self.listeners)
                 for first in range(0, len(listeners), WOKEN_TOGETHER):
                     for listener in listeners[first : first + WOKEN_TOGETHER]:
@@ -106,7 +106,7 @@ class Feed:
 
 
 class Broadcast:
-    """The feeds of all surveys that are watched."""
+    """The feeds of all surveys that have listeners."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -114,7 +114,7 @@ class Broadcast:
         self._watchers: set[Callable[[str], None]] = set()
 
     def changed(self, survey_id: str) -> None:
-        """Something happened to a survey. Called from any thread."""
+        """Notify the feed of a survey, and all watchers. May be called from any thread."""
         with self._lock:
             feed, watchers = self._feeds.get(survey_id), tuple(self._watchers)
         if feed is not None:
@@ -124,7 +124,7 @@ class Broadcast:
 
     @contextmanager
     def watch(self, on_change: Callable[[str], None]) -> Iterator[None]:
-        """Call `on_change` with the id of each survey to which something happens, from whatever thread."""
+        """Call `on_change` with the id of each survey that changes, from any thread."""
         with self._lock:
             self._watchers.add(on_change)
         try:
@@ -140,11 +140,11 @@ class Broadcast:
         Parameters
         ----------
         survey_id : str
-            Which survey.
+            Id of the survey.
         read : Read
-            The events of a survey that follow a number, from the database.
+            Returns the events of a survey after a number, from the database.
         last : int
-            Number of an event that has happened.
+            Number of the latest event that the listener knows.
 
         Yields
         ------

@@ -1,4 +1,4 @@
-"""A data directory whose stores are in a bucket; the lock, and the job database unless it is elsewhere, stay local."""
+"""A data directory whose stores are in a bucket; the lock, and usually the job database, are on a local disk."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class BucketDirectory(DataDirectory):
     path
         The data directory.
     url
-        ``s3://BUCKET/PREFIX``, of this service alone.
+        ``s3://BUCKET/PREFIX``, used by this service only.
     """
 
     def __init__(self, path: Path, url: str) -> None:
@@ -28,14 +28,14 @@ class BucketDirectory(DataDirectory):
         self._bucket = lru_cache(maxsize=256)(self._open)
 
     def _open(self, survey_id: str) -> Bucket:
-        # A service holds its job database, so nobody else writes to the stores of its surveys.
+        # A service locks its job database, so it is the only writer of its surveys' stores.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock of the directory; raise at once if the bucket is not there."""
+        """Lock the directory; raise an error at once if the bucket cannot be reached."""
         with super().locked():
-            self._root.children()  # a bucket that is not there is said now
+            self._root.children()  # raises an error now if the bucket is missing
             yield
 
     def store(self, survey_id: str) -> Bucket:
@@ -47,7 +47,7 @@ class BucketDirectory(DataDirectory):
         self.store(survey_id).delete()
 
     def entries(self) -> list[StoreEntry]:
-        """Return the entries among the stores, by name."""
+        """Return the entries of the prefix, by name."""
         return sorted(self._entries(), key=lambda entry: entry.name)
 
     def _entries(self) -> Iterator[StoreEntry]:
@@ -59,9 +59,9 @@ class BucketDirectory(DataDirectory):
                 yield StoreEntry(f"{self._root}/{name}", "", False, False, lambda: None)
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
-        """Nothing: an object is put whole or not at all."""
+        """Do nothing: objects are written whole or not at all."""
 
 
 def open_directory(path: Path, stores: str | None) -> DataDirectory:
-    """Return the data directory of a service, with its stores in it, or at a URL."""
+    """Return the data directory of a service, with its stores in it or at a URL."""
     return BucketDirectory(path, stores) if stores else DataDirectory(path)

@@ -1,4 +1,4 @@
-"""The data directory: the job database, one store per survey, and a lock that keeps a second server out."""
+"""The data directory: the job database, one store for each survey, and a lock against a second server."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TRASH = ".trash-"
 IDENTITY = "identity"
 SURVEY = r"(?P<survey>[0-9a-f]{16})"
-#: A store that is being deleted; one that is being created, beside its place; one in its place; its certificates.
+#: Names of a store during its deletion, of one during its creation, of a store, and of its certificates.
 DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
     re.compile(pattern)
     for pattern in (
@@ -39,7 +39,7 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 
 @dataclass(frozen=True)
 class StoreEntry:
-    """Entry among the stores; ``survey_id`` is empty if its name is none of ours."""
+    """Entry of the directory of stores; ``survey_id`` is empty if the name is not that of a store."""
 
     name: str
     survey_id: str
@@ -61,7 +61,7 @@ class StoreEntry:
 
 
 class DataDirectory:
-    """Directory with everything that one server must find again.
+    """Directory with all persistent data of one server.
 
     Parameters
     ----------
@@ -81,21 +81,21 @@ class DataDirectory:
 
     @property
     def has_database(self) -> bool:
-        """True if a service, or a key for one, has been here."""
+        """True if there is a job database."""
         return self._database.exists()
 
     def store(self, survey_id: str) -> Path | Bucket:
-        """Return the place of a survey's zarr store, whether it exists or not.
+        """Return the location of a survey's zarr store, whether it exists or not.
 
         Returns
         -------
         Path | Bucket
-            The place.
+            A path, or the prefix of a bucket.
 
         Raises
         ------
         DirectoryAwayError
-            The directory is not there, so that nothing can be said of its stores.
+            The directory is missing, so nothing is known about its stores.
         """
         self.require()
         return self._path_of(survey_id)
@@ -105,12 +105,12 @@ class DataDirectory:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the directory. The lock belongs to the process and ends with it, even by SIGKILL.
+        """Lock the directory. The lock belongs to the process and ends with it, even by SIGKILL.
 
         Raises
         ------
         DataDirectoryError
-            The directory cannot be used, or another server holds it.
+            The directory cannot be used, or another server has locked it.
         """
         try:
             self._stores.mkdir(parents=True, exist_ok=True)
@@ -127,12 +127,12 @@ class DataDirectory:
             yield
 
     def identify(self, known: str | None = None) -> None:
-        """Know this directory again. Whoever calls holds it.
+        """Check the identity of the directory, or write one. The caller has locked the directory.
 
         Parameters
         ----------
         known : str | None
-            Identity of the directory that the job database knows, if it is elsewhere and knows one.
+            Identity of the directory in the job database, if the database is elsewhere and has one.
 
         Raises
         ------
@@ -143,10 +143,10 @@ class DataDirectory:
             self.identity = self._found()
             if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
-                    f"{self.path} is not the data directory that the job database knows: is its disk mounted? To go on "
-                    f"with this one instead, without the stores of the other: echo {known} > {self.path / IDENTITY}"
+                    f"{self.path} is not the data directory that the job database knows: is its disk mounted? To use "
+                    f"this one instead, without the stores of the other: echo {known} > {self.path / IDENTITY}"
                 )
-            if not self.identity:  # new, or of a version that knew of no identity
+            if not self.identity:  # a new directory, or one of an older version without identities
                 self.identity = known or secrets.token_hex(16)
                 new = self.path / f".{IDENTITY}"
                 new.write_text(f"{self.identity}\n")
@@ -158,7 +158,7 @@ class DataDirectory:
         """Raise DirectoryAwayError unless the directory is the one that was identified, or none was."""
         try:
             there = self._found() == self.identity
-        except OSError:  # of a disk that is failing
+        except OSError:  # the disk fails
             there = False
         if self.identity and not there:
             raise DirectoryAwayError
@@ -172,7 +172,7 @@ class DataDirectory:
     def remove_store(self, survey_id: str) -> None:
         """Delete a store, after the certificates beside it.
 
-        It disappears at once: a crash in the middle leaves no half of it under its name.
+        It is renamed first, so a crash never leaves half of a store under its name.
         """
         shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
         trash = self._stores / f"{TRASH}{survey_id}"
@@ -183,16 +183,16 @@ class DataDirectory:
         shutil.rmtree(trash, ignore_errors=True)
 
     def entries(self) -> list[StoreEntry]:
-        """Everything that stands among the stores, the stores of surveys included."""
+        """Return all entries of the directory of stores."""
         return [StoreEntry.of(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
-        """Remove the files that killed writers left in a store, if it is that survey's; nobody may be writing to it."""
+        """Remove the partial files of killed writers in a survey's store, to which nobody may be writing."""
         store = self._path_of(survey_id)
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
         except (OSError, ValueError, KeyError, TypeError):
-            return  # nothing there, or nothing of ours: the job manager says so
+            return  # no store of this project: the job manager reports it
         if found == content_hash:
             for stray in store.rglob("*.partial"):
                 stray.unlink(missing_ok=True)

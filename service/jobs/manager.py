@@ -1,4 +1,4 @@
-"""The job manager: one thread that runs the surveys of the database by turns, on a cluster that may come and go."""
+"""The job manager: a thread that runs the surveys of the database in turns, on a cluster that may come and go."""
 
 from __future__ import annotations
 
@@ -50,28 +50,27 @@ if TYPE_CHECKING:
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
 WORKERS_SECONDS = 2.0
-LAST_TILES_SECONDS = 3.0  # a deletion waits for them; dismissal stops work within 2
-MAX_FAILURES = 100  # messages kept of one tile
+LAST_TILES_SECONDS = 3.0  # a deletion waits so long for the last tiles; dismissal ends them within 2
+MAX_FAILURES = 100  # the most messages stored for one tile
 
 log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Runs accepted surveys, one at a time by turns, and resumes those that an earlier process left unfinished.
+    """Runs accepted surveys, one at a time in turns, and resumes those that an earlier process left unfinished.
 
     Parameters
     ----------
     database
-        The truth about the surveys.
+        The record of all surveys.
     directory
-        Where their stores are.
+        Locates their stores.
     cluster
-        Opens the dask cluster, unless its argument says that start-up was cancelled; called again whenever the
-        cluster was lost.
+        Opens the dask cluster, and stops opening it if its argument says so; called again after the cluster was lost.
     on_tile
-        Told of every tile that has been written.
+        Called with the record of every written tile.
     turns
-        Whose turn comes next, and when.
+        The scheduler that decides which survey has the next turn.
     """
 
     def __init__(
@@ -84,9 +83,9 @@ class JobManager:
     ) -> None:
         self._on_tile = on_tile
         self._turns = turns or Turns()
-        self._left: dict[str, dict[int, AnyTile]] = {}  # tiles of surveys that another turn goes on with, by index
-        self._begun: dict[str, Begun] = {}  # of these surveys and the one at work
-        self._ends: dict[str, float] = {}  # of the survey at work: when its tiles will have ended, by `time.monotonic`
+        self._left: dict[str, dict[int, AnyTile]] = {}  # missing tiles of surveys that wait for another turn, by index
+        self._begun: dict[str, Begun] = {}  # states of these surveys and of the running one
+        self._ends: dict[str, float] = {}  # predicted end of the running survey's tiles, by `time.monotonic`
         self._client: Client | None = None
         self._database = database
         self._directory = directory
@@ -95,7 +94,7 @@ class JobManager:
         self._stopping = threading.Event()
         self._dismissed = threading.Event()
         self._current: str | None = None
-        self._lock = threading.Condition()  # told when `_current` is let go of
+        self._lock = threading.Condition()  # notified when `_current` is reset
         self._thread = threading.Thread(target=self._main, name="job-manager", daemon=True)
         self.cluster_state = STARTING
         self.storage_state = OK
@@ -105,7 +104,7 @@ class JobManager:
         self._thread.start()
 
     def ask_to_stop(self) -> None:
-        """Let the thread come to its end. The survey at work stays resumable."""
+        """Ask the thread to end. The running survey can be resumed later."""
         self._stopping.set()
         self._wake.set()
 
@@ -115,7 +114,7 @@ class JobManager:
         self._thread.join()
 
     def wake(self) -> None:
-        """Look into the database: there may be work."""
+        """Let the thread look for work in the database."""
         self._wake.set()
 
     def dismiss_or_delete(self, survey_id: str) -> JobRow | None:
@@ -131,9 +130,9 @@ class JobManager:
         UnknownSurveyError
             There is no such survey.
         ConflictError
-            It was dismissed, but tiles of it have been computed for long since; or it runs again.
+            It was dismissed, but its last tiles still run after some seconds; or it runs again.
         DirectoryAwayError
-            It cannot be deleted where it is not.
+            The data directory is away, so nothing can be deleted.
         """
         self._database.job(survey_id)
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
@@ -148,38 +147,38 @@ class JobManager:
             if not State((job := self._database.job(survey_id)).state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
             self._directory.require()
-            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole
+            self._database.begin_deletion(survey_id)  # a crash must not leave a seemingly whole survey
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
         return None
 
     def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Let a survey that has ended, or was dismissed, run again over the tiles that are damaged or missing.
+        """Run an ended or dismissed survey again over its damaged or missing tiles.
 
         Returns
         -------
         JobRow
-            Row of the survey.
+            The queued survey.
 
         Raises
         ------
         UnknownSurveyError
             There is no such survey.
-        ConflictError
-            It waits or runs, is being deleted, or is a successful one of another version.
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
+        ConflictError
+            It is active or being deleted, or another version completed it.
         """
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # running it would only make it fail
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run would fail
             raise ConflictError(
-                f"Survey {survey_id} was computed by another version, and only that one can verify it. Submit it anew."
+                f"Survey {survey_id} was computed by another version, which alone can verify it. Submit it anew."
             )
-        with self._lock:  # not between a deletion's look at the state and its removal of the store
+        with self._lock:  # not between the check of the state and the removal of the store by a deletion
             job = self._database.reopen(survey_id, owner, max_jobs)
-            if self._current == survey_id:  # the run that was dismissed is at its end, and is not this one
+            if self._current == survey_id:  # the dismissed run is about to end, before the new one
                 self._dismissed.set()
         self.wake()
         return job
@@ -197,7 +196,7 @@ class JobManager:
                     finally:
                         self._client = None
             except Exception as error:
-                if self._stopping.is_set():  # which ended the cluster as it started
+                if self._stopping.is_set():  # the stop ended the start of the cluster
                     return
                 unexpected = None if isinstance(error, RattleError) else error
                 log.warning("no cluster or no database, next try in %.0f s: %s", pause, error, exc_info=unexpected)
@@ -210,7 +209,7 @@ class JobManager:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
-            if self._stopping.is_set():  # since the loop asked: that call to wake up has just been cleared
+            if self._stopping.is_set():  # it may have been set after the loop's check, and its wake-up was just cleared
                 return
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost")
@@ -219,14 +218,14 @@ class JobManager:
                 self.storage_state = OK
                 if not found:
                     self._wake.wait()
-            except (StorageError, DirectoryAwayError, SQLAlchemyError) as error:  # a full disk shows in two of them
+            except (StorageError, DirectoryAwayError, SQLAlchemyError) as error:  # a full disk raises either of two
                 pause = FIRST_PAUSE if self.storage_state == OK else min(2 * pause, LONGEST_PAUSE)
                 log.warning("nothing can be stored, next try in %.0f s: %s", pause, error)
                 self.storage_state = f"unavailable: {error}"
                 self._wake.wait(pause)
 
     def _run_next(self, client: Client) -> bool:
-        """Run the survey whose turn it is. False if there is none."""
+        """Run the survey whose turn it is. Return False if there is none."""
         active = self._database.active()
         job = self._turns.next(active)
         if job is None:
@@ -258,12 +257,12 @@ class JobManager:
             self._say_that_it_waits(survey_id, error)
             raise
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
-            raise  # not the survey's fault: it goes on later
+            raise  # not caused by the survey, which continues later
         except StorageError as error:
             self._say_that_it_waits(survey_id, error)
             raise
         except Exception as error:
-            if client.status != "running":  # whatever a lost connection looks like
+            if client.status != "running":  # a lost connection raises errors of several types
                 raise
             unexpected = None if isinstance(error, RattleError) else error
             log.warning("survey %s failed: %s", survey_id, error, exc_info=unexpected)
@@ -271,7 +270,7 @@ class JobManager:
 
     @contextmanager
     def _blaming_directory(self) -> Iterator[None]:
-        """Whatever fails while the data directory is away fails for that reason: a store that is gone, above all."""
+        """Raise DirectoryAwayError for any error while the data directory is away, such as that of a missing store."""
         try:
             yield
         except Exception as error:
@@ -282,7 +281,7 @@ class JobManager:
             raise
 
     def _say_that_it_waits(self, survey_id: str, error: Exception) -> None:
-        if self.storage_state == OK:  # told once, not at every try
+        if self.storage_state == OK:  # only once, not at every attempt
             self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
 
     def _compute(self, survey_id: str, client: Client) -> None:
@@ -290,12 +289,12 @@ class JobManager:
         if State(job.state).final or (
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
         ):
-            return  # dismissed since it was found
+            return  # it was dismissed meanwhile
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # perhaps that it waits, since before a restart
-        if left is None or job.state == State.ACCEPTED:  # of one that is verified, all is looked at
+        has_message = bool(job.message)  # such as that it waits, from before a restart
+        if left is None or job.state == State.ACCEPTED:  # a verification reads all tiles
             left, has_lost = self._prepared(job, request, path, client)
             has_message |= has_lost
 
@@ -329,34 +328,34 @@ class JobManager:
         goes_on = is_paused and (left or is_incomplete(request, path))
         if not goes_on:
             finish_store(path)
-        with self._lock:  # not between a dismissal and a verification, which begins anew
+        with self._lock:  # not between a dismissal and a verification, which starts again
             if self._dismissed.is_set():
                 return
             if goes_on:
                 self._left[survey_id] = left
-                self._database.set_state(survey_id, State.RUNNING)  # without what it says of certificates
+                self._database.set_state(survey_id, State.RUNNING)  # without the message about certificates
             else:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
 
     def _prepared(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """Return the missing tiles of a survey, by their index, and whether some that were there are lost."""
+        """Return the missing tiles of a survey, by index, and whether recorded ones are lost."""
 
-        # Curves take minutes in some windows: nothing is computed in this process.
+        # Curves take minutes in some windows, so the cluster computes them.
         def template(request: AnyRequest, created: str | None) -> Template:
             return template_on(client, request, created, self._interrupted)
 
         create_store(request, path, template)
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(job.id, request.content_hash())
-        # A tile counts only if both agree: the database knows its failures, the store holds its numbers.
+        # A tile counts only if the database has its failures and the store has its numbers.
         done = self._database.tiles_done(job.id) & tiles_done(request, path, self._interrupted)
         lost = self._database.keep_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
-        """Return whether the survey at work makes room for another one."""
+        """Return whether the running survey must make room for another one."""
         if not self._turns.is_used_up:
             return False
         following = self._turns.next(self._database.active())
@@ -368,7 +367,7 @@ class JobManager:
         return True
 
     def _telling(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that notes the number of proved attractors, at each per cent of them."""
+        """Return a function that writes the number of proved attractors into the message, at each per cent of them."""
         shown = -1
 
         def tell(done: int, number: int) -> None:
@@ -382,17 +381,17 @@ class JobManager:
         return tell
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the seconds that the tiles of the survey at work will take; None of others, or if it is not known."""
+        """Return the seconds that the tiles of the running survey will take; None for others, or if unknown."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
     def workers(self) -> int:
-        """Threads of the cluster; 0 if it is not there or does not say so soon."""
+        """Return the number of threads of the cluster; 0 if it is away or does not answer soon."""
         if (client := self._client) is None:
             return 0
         try:
             return sum(client.nthreads(callback_timeout=WORKERS_SECONDS).values())
-        except Exception:  # whatever a lost connection looks like
+        except Exception:  # a lost connection raises errors of several types
             return 0
 
     @contextmanager
@@ -402,21 +401,21 @@ class JobManager:
         Yields
         ------
         Client
-            The client.
+            The dask client.
 
         Raises
         ------
         UnavailableError
-            The cluster is not there.
+            There is no cluster.
         ClusterLostError
-            If there is no cluster.
+            The cluster was lost meanwhile.
         """
         if (client := self._client) is None:
             raise UnavailableError(f"The workers cannot be used now (they are {self.cluster_state}). Try again soon.")
         try:
             yield client
         except ClusterLostError:
-            self.wake()  # without a survey at work nobody else would notice
+            self.wake()  # without a running survey nothing else would notice
             raise
 
     def _interrupted(self) -> bool:

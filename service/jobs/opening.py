@@ -1,4 +1,4 @@
-"""Opens what a service must find again: its data directory, and its job database in it or elsewhere."""
+"""Open the persistent data of a service: its data directory, and its job database there or elsewhere."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gear_rattle.service.settings import Settings
 def opened(
     settings: Settings, on_change: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[DataDirectory, Database]]:
-    """Yield the data directory and the job database, held against every other service.
+    """Yield the data directory and the job database, locked against every other service.
 
     Parameters
     ----------
@@ -27,20 +27,20 @@ def opened(
     Yields
     ------
     tuple[DataDirectory, Database]
-        Directory and database.
+        Both are closed at the end.
 
     Raises
     ------
     DataDirectoryError
-        One of them cannot be used, or another service holds it, or the database knows another directory than this one:
-        its disk may not be mounted.
+        One of them cannot be used, another service has locked it, or the database knows another directory than this
+        one, whose disk may not be mounted.
     """
     directory = open_directory(settings.data, settings.store)
     inside = settings.database_url is None
     url, require = (directory.database_url, directory.require) if inside else (settings.database_url, None)
     assert url is not None
     with directory.locked(), closing(Database(url, on_change, require=require)) as database:
-        if inside or settings.store:  # the database is in it, or no store is
+        if inside or settings.store:  # the database is in the directory, or no store is
             directory.identify()
         else:
             directory.identify(database.directory())

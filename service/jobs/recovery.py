@@ -1,4 +1,4 @@
-"""Recover before a service begins: it clears away the half-done work of an earlier one, and nothing else."""
+"""Clean up the unfinished work of an earlier service before a new one begins."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ log = logging.getLogger(__name__)
 
 
 def recover(database: Database, directory: DataDirectory) -> None:
-    """End deletions that were begun, sweep what killed writers left, and name what belongs to nobody.
+    """Complete deletions, remove partial files of killed writers, and log entries that belong to no survey.
 
-    Surveys that were running are checked against their stores when the job manager resumes them.
+    Running surveys are checked against their stores when the job manager resumes them.
     """
     entries = directory.entries()
     known = database.known({entry.survey_id for entry in entries})
@@ -24,7 +24,7 @@ def recover(database: Database, directory: DataDirectory) -> None:
             log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
         elif entry.deletion:
             entry.remove()
-            with suppress(ConflictError):  # a database from before the deletion: the survey is computed again
+            with suppress(ConflictError):  # an older database was restored: the survey is computed again
                 database.delete(entry.survey_id)
         elif entry.temporary:
             entry.remove()

@@ -1,4 +1,4 @@
-"""Whose turn it is on the cluster: API keys one after the other, and of a key's surveys not only the large ones."""
+"""Share the cluster between surveys: API keys take turns, and the surveys of a key share its turns."""
 
 from __future__ import annotations
 
@@ -7,42 +7,42 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gear_rattle.service.database.surveys import Active
+from gear_rattle.service.database.survey_rows import Active
 
-TURN_SECONDS = 3.0  # then the tasks at work end, within two seconds unless one cell takes longer
+TURN_SECONDS = 3.0  # running tasks end within two seconds after that, unless one cell takes longer
 
 
 @dataclass
 class _Standing:
-    """Turns of an API key: number of its last turn, and whether the next one is for the survey with least left."""
+    """Turns of an API key: number of its last turn, and whether the next one is for its smallest survey."""
 
     last: int = 0
     smallest: bool = True
 
 
 class Turns:
-    """The order of the surveys that wait or run. Belongs to one thread; a new process begins a new order.
+    """The scheduler of several surveys. It belongs to one thread, and starts afresh with each process.
 
-    Keys have turns one after the other. Each key alternates between its survey with the fewest remaining cells and its
-    survey that has waited for most turns: so the smallest waits for at most two turns of its key, and every survey gets
-    its turn, whatever else is submitted. A survey without remaining cells counts as the largest: the time of its bound
-    or its certificates does not follow from cells.
+    Keys take turns one after the other. Each key alternates between its survey with the fewest remaining cells and its
+    survey that has waited for most turns, so the smallest waits for at most two turns of its key, and every survey gets
+    its turn, whatever else is submitted. A survey without remaining cells counts as the largest, because the time of
+    its bound or its certificates does not follow from cells.
 
     Parameters
     ----------
     clock
-        Seconds.
+        Returns seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._count = 0  # of turns that were given
+        self._count = 0  # number of turns so far
         self._keys: dict[str | None, _Standing] = {}
-        self._waits_since: dict[str, int] = {}  # the turn before which a survey came, or that was its last
+        self._waits_since: dict[str, int] = {}  # number of the turn in which a survey came, or of its last turn
         self._began = 0.0
 
     def next(self, active: Sequence[Active]) -> Active | None:
-        """Return the survey whose turn comes next, of all that wait or run, in the order of their numbers."""
+        """Return the survey with the next turn among the active ones, which are in the order of their numbers."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:
@@ -63,7 +63,7 @@ class Turns:
 
     @property
     def is_used_up(self) -> bool:
-        """True if another survey may come."""
+        """True if the turn has lasted long enough for another survey to begin."""
         return self._clock() - self._began >= TURN_SECONDS
 
     def _key(self, owner: str | None) -> _Standing:

@@ -1,7 +1,7 @@
 """Logs as text or as lines of JSON, each with the survey and the request that it belongs to.
 
-A record is one line of characters that can be printed, whatever a client sent: nobody forges another one, or tells the
-terminal of a reader what to do. Only tracebacks have lines of their own.
+A record is one line of printable characters, whatever a client sent, so that nobody can forge records or control the
+terminal of a reader. Only tracebacks have further lines.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def about(survey_id: str) -> Iterator[None]:
-    """Let every record of this thread or task carry a survey's id."""
+    """Add a survey's id to every record of this thread or task."""
     token = _survey.set(survey_id)
     try:
         yield
@@ -39,7 +39,7 @@ def about(survey_id: str) -> Iterator[None]:
 
 
 class Context(logging.Filter):
-    """Adds survey and request to a record."""
+    """Filter that adds the survey and the request to a record."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Add the survey and the request to a record."""
@@ -50,22 +50,14 @@ class Context(logging.Filter):
 
 
 def printable(text: str) -> str:
-    """Return the text in one line.
-
-    What cannot be printed, or ends a line, or turns it round, is written as Python does.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Return the text in one line, with characters that are not printable in Python's notation."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
 class Printable(logging.Formatter):
-    """Base of both formats."""
+    """Base of both formats, which makes tracebacks printable."""
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of logging
         """Return the traceback in printable characters."""
@@ -79,7 +71,15 @@ class Printable(logging.Formatter):
 def _traceback(
     kind: type[BaseException] | None, error: BaseException | None, frames: TracebackType | None
 ) -> list[str]:
-    """Its lines, indented as no record is. Those of frames are ours; a message, which may quote anybody, is one."""
+    """Return the lines of a traceback, indented unlike records.
+
+    Lines of frames are split; a message, which may quote a client, is one line.
+
+    Returns
+    -------
+    list[str]
+        Printable lines.
+    """
     lines = []
     for part in traceback.format_exception(kind, error, frames):
         text = part.strip("\n")
@@ -88,12 +88,12 @@ def _traceback(
 
 
 class TextFormatter(Printable):
-    """A line for people: the message, then what it belongs to."""
+    """Formatter of text: the message, then its survey, request and seconds."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the record as text, without the text of another handler."""
         alone = copy(record)
-        alone.exc_text = None  # as another handler may have written it
+        alone.exc_text = None  # another handler may have set it
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
@@ -104,7 +104,7 @@ class TextFormatter(Printable):
 
 
 def log_config(form: str) -> dict[str, Any]:
-    """For `logging.config.dictConfig`: everything to stderr, as ``text`` or ``json``."""
+    """Return a configuration for `logging.config.dictConfig`: all records go to stderr, as ``text`` or ``json``."""
     fields = "%(asctime)s %(levelname)s %(name)s %(message)s"
     formatter = {"()": TextFormatter, "format": fields}
     if form == "json":
@@ -126,7 +126,7 @@ def log_config(form: str) -> dict[str, Any]:
 
 
 def adopt_handlers() -> None:
-    """Let the handlers that libraries bring along, as dask and Panel do when they are imported, write as ours does."""
+    """Set this project's format in handlers that libraries such as dask and Panel install when they are imported."""
     ours = next((each for each in logging.root.handlers if isinstance(each.formatter, Printable)), None)
     if ours is None:
         return

@@ -1,4 +1,4 @@
-"""Lines of JSON, apart from `observability.logs`: only a service that writes them needs the library."""
+"""Format records as JSON, apart from `observability.logs`, since only a service with JSON logs needs the library."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from pythonjsonlogger.json import JsonFormatter
 
 from gear_rattle.service.observability.logs import Printable, printable
 
-#: Have lines, each of them printable already.
+#: Fields with several lines, which are printable already.
 TRACEBACKS = ("exc_info", "stack_info")
 
 
 class Json(Printable, JsonFormatter):
-    """An object of JSON; what its strings say is printable too, for whoever reads them by `jq -r`."""
+    """Formatter of JSON objects, whose strings are printable even when `jq -r` prints them."""
 
     def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
         """Return the fields of a record in printable characters."""
-        log_data.pop("color_message", None)  # uvicorn's message once more, for terminals
+        log_data.pop("color_message", None)  # uvicorn's copy of the message for terminals
         return {
             name: printable(value.rstrip()) if isinstance(value, str) and name not in TRACEBACKS else value
             for name, value in log_data.items()

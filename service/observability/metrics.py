@@ -22,11 +22,11 @@ class Computing(Protocol):
     """Source of the numbers about computation."""
 
     def workers(self) -> int:
-        """Threads of its cluster."""
+        """Return the number of threads of the cluster."""
 
 
 class Metrics:
-    """Counters of one process. Rates are the reader's: ``rate(rattle_cells_total[1m])`` is cells per second."""
+    """Counters of one process. Readers compute rates: ``rate(rattle_cells_total[1m])`` is cells per second."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -58,23 +58,23 @@ class Metrics:
         self._requests.labels(method, route, str(status)).observe(seconds)
 
     def watch(self, database: Database, manager: Computing) -> None:
-        """Ask these, too, at every scrape."""
+        """Read the job database and the cluster as well, at every scrape."""
         self.registry.register(_Now(database, manager))
 
     def exposition(self) -> bytes:
-        """Everything in Prometheus' text format."""
+        """Return all metrics in Prometheus' text format."""
         return generate_latest(self.registry)
 
 
 class _Now(Collector):
-    """Values read at the time of a scrape: the counters that the job database keeps, and the cluster."""
+    """Values read at a scrape: the counters of the job database, and the cluster's threads."""
 
     def __init__(self, database: Database, manager: Computing) -> None:
         self._database = database
         self._manager = manager
 
     def describe(self) -> list[Metric]:
-        return []  # registering does not ask the database
+        return []  # registering must not read the database
 
     def collect(self) -> Iterator[Metric]:
         totals = self._database.totals()

@@ -1,4 +1,4 @@
-"""One line for every request."""
+"""Log one line for every request."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ REQUEST_ID = "X-Request-ID"
 GIVEN_ID = re.compile(r"[A-Za-z0-9._\-]{1,64}")
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 NO_ROUTE = "none"
-#: How an answer counts that never began: the client had gone.
+#: Status for an answer that never began because the client had gone.
 UNANSWERED = 499
 
 
 class RequestLogMiddleware:
-    """Logs and counts each request, and gives it an id that the client may choose and is told."""
+    """Logs and counts each request, and gives it an id, which the client may choose and which the answer carries."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app = app
@@ -54,7 +54,7 @@ class RequestLogMiddleware:
         except ClientDisconnect:
             raise
         except Exception:
-            if not answered:  # by what stands before this
+            if not answered:  # the middleware outside of this one answers
                 status = 500
             raise
         finally:

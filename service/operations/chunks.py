@@ -1,4 +1,4 @@
-"""Decide which keys a store must have: a missing chunk means fill values to zarr."""
+"""Decide which keys a store must have, because to zarr a missing chunk means fill values."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether the store of this survey, if it is whole, has this key. For a thread: reads the database."""
+    """Return whether a complete store of this survey would have this key. It reads the database: use a thread."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
         manifest = _manifest(front.directory.store(survey_id), ended)
-    except LookupError:  # no store yet, or none that says anything
+    except LookupError:  # there is no store yet, or no readable manifest
         return False
     if key in manifest.files or key in (ROOT, MANIFEST):
         return True
@@ -27,23 +27,21 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # to be kept apart by
-    """Return the manifest of a store.
+def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
+    """Return the manifest of a store, without its tiles; LookupError if there is none.
 
-    It does not change as long as there is the store, but that families and levels come at the end of a run.
-
-    Raises LookupError.
+    It is cached, and read again after the end of a run, which adds families and levels.
 
     Returns
     -------
     Manifest
-        The manifest.
+        Its tiles are left out, since the database has them.
 
     Raises
     ------
     LookupError
-        If the store has none.
+        The store has no manifest.
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError
-    return replace(manifest, tiles={})  # the database knows which are computed
+    return replace(manifest, tiles={})  # the database knows the computed tiles

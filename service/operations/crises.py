@@ -1,4 +1,4 @@
-"""The boundary crisis over a map: it takes long, and is kept."""
+"""Compute the boundary crisis over a map, which takes long, and keep it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
 from rattle.models import Capability, Model, require_capability
 
-RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
+RESOLUTION = 0.02  # step in δ, twice the default, which halves the time
 KEPT = 16
 
 
 def _crisis(beta: float) -> np.ndarray:
-    """Points (k, 2) of the crisis; in a process of its own, because it takes half a minute of Python."""
+    """Return points (k, 2) of the crisis. It needs a process of its own, because it takes half a minute of Python."""
     from rattle.crisis import crisis_curve
 
     curve = crisis_curve(beta=beta, resolution=RESOLUTION)
@@ -25,7 +25,7 @@ def _crisis(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves of the half-backlashes that were asked for, each computed once for all pages."""
+    """The crisis curves of the requested half-backlashes, each computed once for all pages."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -33,7 +33,7 @@ class Crises:
         self._limiter = CapacityLimiter(1)
 
     async def of(self, model: Model) -> np.ndarray:
-        """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
+        """Return points (k, 2) of the curve. Raises RattleError if there is none, or it cannot be followed."""
         require_capability(Capability.CRISIS, model)
         beta = model.beta
         if beta not in self._found:
@@ -53,4 +53,4 @@ class Crises:
                 work = partial(_crisis, beta)
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:
-            raise UnavailableError("The process that followed the crisis has died. Switch it off and on.") from error
+            raise UnavailableError("The process that followed the crisis died. Switch it off and on again.") from error

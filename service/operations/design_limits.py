@@ -1,4 +1,4 @@
-"""The design limit over a map: the largest eccentricity for which gears run quietly often enough, at each damping."""
+"""Compute the design limit over a map: the largest eccentricity for quiet running, at each damping."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import Model
 
-VALUES = 17  # of δ, across a survey
+VALUES = 17  # number of dampings across a survey
 COUNT = 512
 KEPT = 16
 
@@ -24,35 +24,35 @@ Array = NDArray[np.float64]
 
 
 def limit_at(model: Model, delta: float, share: float) -> Limit:
-    """Return the limit at one damping; NaN where there is none."""
+    """Return the limit at one damping; NaN if there is none."""
     given = {"delta": delta, **model.numbers}
     fewest = math.ceil(4.0 * share / (1.0 - share))
     return design_limit(given, "epsilon", share, count=max(COUNT, fewest))
 
 
 class DesignLimits:
-    """The limits that were asked for, each computed once for all pages, one damping after the other."""
+    """The requested limits, each computed once for all pages, one damping after the other."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
         self._known: dict[Key, dict[float, Limit]] = {}
 
     async def along(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
-        """Yield dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first.
+        """Yield the known part of the limit over damping, after each further damping, coarse ones first.
 
         Yields
         ------
         tuple[Array, Array]
-            Dampings and limits.
+            Dampings (k,), and limits with both ends of their intervals (3, k).
 
         Raises
         ------
         RattleError
-            Where they cannot be computed.
+            A limit cannot be computed.
         """
         key = model, delta, share
         known = self._known.pop(key, {})
-        self._known[key] = known  # the newest
+        self._known[key] = known  # as the most recently used
         while len(self._known) > KEPT:
             self._known.pop(next(iter(self._known)))
         for value in coarse_first(delta):
@@ -73,7 +73,7 @@ class DesignLimits:
 
 
 def coarse_first(delta: Pair) -> list[float]:
-    """Return the dampings across a window, both ends included, in an order in which they tell most."""
+    """Return the dampings across a window, both ends included, so that each further one halves gaps."""
     values = np.linspace(*delta, VALUES)
     order = [0, VALUES - 1]
     step = VALUES - 1

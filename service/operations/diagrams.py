@@ -1,4 +1,4 @@
-"""The diagram of a point: from where to where it goes unless somebody says otherwise, and how finely."""
+"""The default ends and the resolution of a point's diagram."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from rattle.models import AnyGear
 
 Pair = tuple[float, float]
 
-SPANS = {"epsilon": 0.02, "delta": 0.05}  # either way, of the scale of the plane
-LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # of δ or ε either way, that may be asked for
+SPANS = {"epsilon": 0.02, "delta": 0.05}  # default on either side, relative to the scale of the plane
+LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # allowed range of δ or ε on either side
 STEPS, COUNT = 160, 32  # points of the parameter, and initial conditions
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return the values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
+    """Return the range of δ or ε about a point, inside the plane, with so much on either side."""
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
@@ -23,9 +23,9 @@ def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None)
 def diagram_ends(
     gear: AnyGear, direction: str, either_way: float | None = None, to: Pair | None = None
 ) -> tuple[Pair, Pair]:
-    """Return the points (δ, ε) where the diagram begins and ends.
+    """Return the points (δ, ε) where a diagram begins and ends.
 
-    Through the point along "epsilon" or "delta", or from there to another one.
+    It passes through the point along "epsilon" or "delta", or goes from the point to another one.
 
     Returns
     -------

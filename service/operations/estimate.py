@@ -17,19 +17,19 @@ from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyReque
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.attractors import PERIODS, WATCH
 
-LOOKED_AT = 100  # newest surveys
-LEAST_CELLS = 16  # of a survey whose speed is taken for that of others
-SIMILAR = 4.0  # of counts of initial conditions, between which cost is taken to be proportional
+LOOKED_AT = 100  # newest surveys that are compared
+LEAST_CELLS = 16  # least cells of a survey whose speed is used for others
+SIMILAR = 4.0  # largest ratio of counts of initial conditions for which cost counts as proportional
 TRIED = 3  # cells along each axis of a measurement
 IF_ALL = ", if all cells were computed"
-STRONG = WATCH / PERIODS  # damping above which every sample is watched for as long
+STRONG = WATCH / PERIODS  # damping above which the observation time does not depend on damping
 
 
 @dataclass(frozen=True)
 class CostEstimate:
-    """Seconds that a survey will take on this service once it runs, and what that rests on.
+    """Seconds that a survey will take on this service once it runs, and the basis of the estimate.
 
-    Or the most that it will take: if it is refined, and only the cost of a cell is known.
+    If `is_most` is true, they are an upper bound: the survey is refined, and only the cost of a cell is known.
     """
 
     seconds: float
@@ -39,19 +39,19 @@ class CostEstimate:
 
 
 async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
-    """Estimate the cost of a survey: by the one most like it among the newest here, else by nine of its cells.
+    """Estimate the cost of a survey from a similar one among the newest, or else from nine of its cells.
 
-    What a population will cost: by nine of its gears.
+    The cost of a population is estimated from nine of its gears.
 
     Returns
     -------
     CostEstimate
-        The estimate.
+        In seconds, with the number of workers that it assumes.
 
     Raises
     ------
     UnavailableError
-        It has to be measured, and that takes too long or has to wait.
+        The cost has to be measured, which takes too long or has to wait.
     """
     workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
     found = await run_in_threadpool(_by_others, front, request)
@@ -77,7 +77,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
 
 def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Seconds of one process for a cell, and by which survey."""
+    """Return seconds of one process for a cell, and the basis, from a similar survey; None if there is none."""
     if isinstance(request, PopulationRequest):
         return None
     jobs, _ = front.database.jobs(LOOKED_AT)
@@ -89,7 +89,7 @@ def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
 
 
 def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
-    """Return the survey that computed the same for each cell, with the nearest number of initial conditions."""
+    """Return the survey with the same computation for each cell, and the nearest number of initial conditions."""
     wanted = {str(group) for group in request.quantities}
     like = [
         job
@@ -114,7 +114,7 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether it is the same model, with like numbers of those that it adds."""
+    """Return whether both have the same model, with similar values of its parameters."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -122,15 +122,7 @@ def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether samples are watched for about as long.
-
-    In relaxation times where damping is weak, within the budget.
-
-    Returns
-    -------
-    bool
-        True if it is about as long.
-    """
+    """Return whether samples are observed for about as long, in relaxation times if damping is weak."""
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
@@ -138,7 +130,7 @@ def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def cell_seconds(request: AnyRequest) -> float:
-    """Seconds of one process for a cell, by a few that are spread over the survey; the kernels are compiled before."""
+    """Return seconds of one process for a cell, measured on a few cells spread over the survey."""
     few = _few_gears(request) if isinstance(request, PopulationRequest) else _few_cells(request)
     for _ in range(2):
         began = time.perf_counter()
@@ -149,7 +141,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few of its gears, as many of which are judged as of all."""
+    """Return a request for a few of the gears, with the same share of judged ones."""
     gears = min(request.gears, TRIED * TRIED)
     judged = max(1, round(gears * request.plan.judging / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
@@ -163,7 +155,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """Return the middles of as many equal parts of an axis: cells at its ends stand for fewer than others do."""
+    """Return an axis with the centres of a few equal parts of an axis, which represent it better than its ends."""
     num = min(axis.num, TRIED)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

@@ -1,4 +1,4 @@
-"""Check the limits of a survey, in one function."""
+"""Check a survey against the limits of the service."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from rattle import MissingExtraError
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:
-    """Refuse a survey, or a population, that is larger than this service allows, or asks for impossible proofs.
+    """Refuse a survey, or a population, that exceeds the limits of this service, or needs proofs that it cannot make.
 
-    Costs nothing, whatever its size.
+    The check takes no time, whatever the size of the survey.
 
     Raises
     ------
@@ -40,8 +40,8 @@ def _require_proofs(settings: Settings) -> None:
     if settings.store:
         raise LimitError(
             "body.certify",
-            "this service keeps its stores in a bucket, where no certificates are made. Leave certify out, and prove "
-            "the survey afterwards: rattle certify URL --out PATH.",
+            "This service keeps its stores in a bucket, where it cannot make certificates. Leave out certify, and "
+            "prove the survey afterwards: rattle certify URL --out PATH.",
         )
     try:
         require_proofs()
@@ -54,7 +54,7 @@ def _check_population(request: PopulationRequest, settings: Settings) -> None:
     _at_most("gears", "gears, with those that share numbers", request.n_cells, settings.max_cells)
     _at_most("count", "samples, with those of gears that are judged", request.samples, settings.max_samples)
     _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    each = -(-request.samples // request.n_cells)  # gears that are judged are spread over all tiles
+    each = -(-request.samples // request.n_cells)  # judged gears are spread over all tiles
     _at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
 
 

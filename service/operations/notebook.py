@@ -1,4 +1,4 @@
-"""A parameter point as a Jupyter notebook, whose cells compute what its view shows."""
+"""Write a parameter point as a Jupyter notebook, whose cells compute the contents of its view."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return the notebook, nbformat 4.5, of a point or of the machine that it is, with the diagram between these ends.
+    """Return a notebook, nbformat 4.5, of a point or a machine, with the diagram between these ends.
 
-    Its numbers are written so that they are read back the same to the last bit.
+    Its numbers read back the same to the last bit.
 
     Returns
     -------
     dict[str, Any]
-        The notebook.
+        The notebook as a JSON object.
     """
     cells: list[dict[str, Any]] = [
         {"id": name, "cell_type": kind, "metadata": {}, "source": source.splitlines(keepends=True)}
@@ -57,7 +57,7 @@ def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair])
 
 
 def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
-    """Name, kind and text of the cells."""
+    """Yield name, kind and text of the cells."""
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made

@@ -1,4 +1,4 @@
-"""Find the drawings over maps that take long, for the explorer and for pictures: once for all requests."""
+"""Find slow overlays of maps for the explorer and for pictures, each once for all requests."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Asked:
-    """The map of a survey whose picture is asked for.
+    """A requested picture of a map.
 
-    Slice: of a third axis. share: the least P(quiet) of the design limit; pixels: how finely a window is computed,
-    None: not.
+    slice: number of the slice, if there is a third axis. share: the least P(quiet) of the design limit; pixels: the
+    resolution of a finer window, None for no finer window.
     """
 
     variable: str
@@ -39,13 +39,13 @@ class Asked:
 
 
 class Overlaid:
-    """Drawings over the maps of one application."""
+    """Overlays of the maps of one application."""
 
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
     async def over(self, request: SurveyRequest, asked: Asked) -> Over:
-        """Return the drawings over a map of a survey, or of a slice. Raises UnavailableError, ClusterLostError."""
+        """Return the overlays of a map of a survey, or of a slice. Raises UnavailableError, ClusterLostError."""
         lines = asked.look.lines or ()
         found: dict[str, Line] = {}
         band = None
@@ -60,13 +60,13 @@ class Overlaid:
             return await self.crises.of(model)
         except ServiceError:
             raise
-        except RattleError:  # there is none
+        except RattleError:  # there is no crisis
             return None
 
     async def _limit(self, request: SurveyRequest, share: float) -> tuple[Line, Band]:
         span = request.delta.start, request.delta.stop
         found = [each async for each in self.limits.along(request.gear_model, span, share)]
-        delta, limits = found[-1]  # all of them
+        delta, limits = found[-1]  # the last result has all dampings
         return limit_line(delta, limits), limit_band(delta, limits)
 
     async def _finer(self, request: SurveyRequest, asked: Asked) -> Finer | None:
@@ -78,18 +78,18 @@ class Overlaid:
         window = inside(look.delta, look.epsilon)
         try:
             frame = await self.windows.finest(request, asked.variable, asked.index, window, pixels)
-        except SurveyError:  # it lies outside the plane, or is too narrow: the page has the survey's cells there, too
+        except SurveyError:  # it lies outside the plane, or is too narrow; the page shows the survey's cells there, too
             return None
         return Finer(frame.delta, frame.epsilon, drawn_numbers(frame.values))
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
-    """Return the line of a design limit (k, 2), NaN where there is none, from `DesignLimits.along`."""
+    """Return the line of a design limit (k, 2), NaN where there is none, from the result of `DesignLimits.along`."""
     return np.column_stack([np.where(np.isnan(limits[0]), np.nan, delta), limits[0]])
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Return the dampings of a known interval, with its lower and its upper ends."""
+    """Return the dampings at which the interval is known, with its lower and its upper ends."""
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

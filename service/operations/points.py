@@ -1,4 +1,4 @@
-"""Curves of a model and motions at a point as plain values; imports the library alone, for a process that starts."""
+"""Curves of a model and motions at a point as plain values. It imports the library only, so processes start fast."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Pair = tuple[float, float]
 
 @lru_cache(maxsize=64)
 def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
-    """Curves and codimension-two points of the body of `GET /v1/curves`. Raises ParameterError."""
-    with np.errstate(all="ignore"):  # extreme windows overflow on the way
+    """Return curves and codimension-two points, the body of `GET /v1/curves`. Raises ParameterError."""
+    with np.errstate(all="ignore"):  # the search may overflow in extreme windows
         return {
             "curves": [_curve(name, model, delta, epsilon) for name in model.curve_names],
             "points": [
@@ -57,8 +57,8 @@ def _points(curve: Curve) -> dict[str, Any]:
 
 
 def orbits_document(gear: AnyGear) -> dict[str, Any]:
-    """Return the body of `GET /v1/orbits` for a point, by its gear."""
-    with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
+    """Return the body of `GET /v1/orbits` for a gear."""
+    with np.errstate(all="ignore"):  # extreme parameters may overflow
         limits = model_at(gear).limits(gear.delta)
         region = None if gear.parameters.harmonics else gear.region()  # regions are those of one cosine
         orbits = gear.orbits()
@@ -88,7 +88,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
 def intensities(
     gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
 ) -> list[tuple[Attractor, Intensity]]:
-    """Return the attractors of a point, and how hard each rattles."""
+    """Return the attractors of a point, with the intensity of each."""
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 
@@ -101,5 +101,5 @@ def _complex(value: complex) -> dict[str, float | None]:
 
 
 def json_number(value: float) -> float | None:
-    """JSON has neither NaN nor infinity; both occur where something overflows at extreme parameters."""
+    """Return a number for JSON; None for NaN and infinity, which occur where extreme parameters overflow."""
     return float(value) if math.isfinite(value) else None

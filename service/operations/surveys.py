@@ -1,4 +1,4 @@
-"""Operations on surveys, which the routes and the explorer share."""
+"""Operations on surveys, for the routes and the explorer."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, PopulationRequest
 from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
-MOST_NOTES = 10_000  # characters
+MOST_NOTES = 10_000  # the most characters of notes
 LINES = "\t\n\r"
-JOINERS = "\u200c\u200d"  # scripts and emoji are written with them; all other format characters only deceive
+JOINERS = "\u200c\u200d"  # scripts and emoji need them; other format characters would only hide something
 
 
 def _legible(text: str) -> str:
@@ -29,7 +29,7 @@ Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
 
 
 class Description(Strict):
-    """Name and notes of a survey; fields that are left out stay."""
+    """Name and notes of a survey; fields that are left out do not change."""
 
     name: Name | None = None
     notes: Notes | None = None
@@ -38,21 +38,21 @@ class Description(Strict):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey, or a population, or find the one that is the same.
+    """Accept a survey or a population, or find an identical one.
 
     Returns
     -------
     JobRow
-        Row of the survey.
+        The accepted or the existing survey.
 
     Raises
     ------
-    LimitError
-        It is larger than this service allows.
-    DirectoryAwayError
-        There is no place for its store.
     ConflictError, QueueFullError, QuotaError, UnauthorizedError
         As `gear_rattle.service.database.Surveys.accept`.
+    LimitError
+        It exceeds the limits of this service.
+    DirectoryAwayError
+        The directory for its store is away.
     """
     check_limits(request, front.settings)
     front.directory.require()
@@ -76,12 +76,12 @@ def submit_survey(
 
 
 def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
-    """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
+    """Dismiss a survey that waits or runs, or delete one that has ended.
 
     Returns
     -------
     JobRow | None
-        Row of a dismissed survey, or None.
+        The dismissed survey, or None after a deletion.
 
     Raises
     ------
@@ -93,18 +93,18 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
         Its last tiles still run.
     """
     require_owner(front, caller, survey_id, kind)
-    if not front.database.job(survey_id).is_readable:  # it is shown as one that has ended
+    if not front.database.job(survey_id).is_readable:  # a survey with a damaged row counts as ended
         front.database.set_state(survey_id, State.FAILED, UNREADABLE)
     return front.manager.dismiss_or_delete(survey_id)
 
 
 def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
-    """Give a survey another name or other notes. What it computes, and its store, stay.
+    """Give a survey another name or other notes; its content and its store do not change.
 
     Returns
     -------
     JobRow
-        Row of the survey.
+        The survey with its new texts.
 
     Raises
     ------
@@ -118,12 +118,12 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Let a survey that has ended, or was dismissed, go on: what is damaged or missing of it is computed.
+    """Continue an ended or dismissed survey: compute its damaged or missing tiles.
 
     Returns
     -------
     JobRow
-        Row of the survey.
+        The queued survey.
 
     Raises
     ------

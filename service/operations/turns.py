@@ -1,4 +1,4 @@
-"""Computations for one request, each in a process of its own: few at once, not for ever."""
+"""Run computations of requests in processes of their own, few at a time and with a time limit."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ async def in_turn(
 ) -> Result:
     """Return the result of `compute` for these arguments, all of which can be pickled.
 
-    In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
-    extreme parameters it takes minutes. Its time is counted from when the kernels of the `model` are there.
+    It runs in a process of its own, because a compiled loop can neither be interrupted nor lets other threads run, and
+    takes minutes at extreme parameters. Its time is counted from when the kernels of the `model` are compiled.
 
     Returns
     -------
@@ -36,9 +36,9 @@ async def in_turn(
     Raises
     ------
     KernelsError
-        They are still being compiled.
+        The kernels are still being compiled.
     UnavailableError
-        Too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
+        Too many requests wait, it takes too long (the message names `what`, and the `advice`), or the process died.
     """
     limits = front.settings
     with front.interruptible():

@@ -1,6 +1,6 @@
-"""A window that shows more than its survey has, computed afresh on the workers of the service, finer block by block.
+"""Windows finer than their survey, computed on the workers of the service in frames of increasing resolution.
 
-The newest are kept for who takes a picture of them.
+The newest windows are kept for pictures of them.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refi
 from gear_rattle.workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2
-LEAST_DELTA = 1e-3  # of the upper end, where the window reaches to no damping at all
-COARSEST = 3.0  # pixels of a cell of the survey, beyond which it is computed finer
-KEPT, KEPT_CELLS = 8, 4_000_000  # windows, and cells of them all
+LEAST_DELTA = 1e-3  # least damping of a window, as a share of its upper end
+COARSEST = 3.0  # largest cell of a survey, in pixels, for which no finer window is computed
+KEPT, KEPT_CELLS = 8, 4_000_000  # the most windows kept, and the most cells of all of them
 
 Key = tuple[str, str, int, Window, tuple[int, int]]
 
 
 def inside(delta: Pair, epsilon: Pair) -> Window:
-    """Return that part of a window which is in the plane."""
+    """Return the part of a window that is inside the plane."""
     return Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Return whether cells of a survey are large on the screen, or the window shows more than the survey."""
+    """Return whether a survey's cells are larger than COARSEST pixels in a window."""
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
         if step / (high - low) * size > COARSEST:
@@ -43,7 +43,7 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
 
 
 class Windows:
-    """The windows of a service that are computed, of all pages."""
+    """The finer windows of all pages of a service."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -52,7 +52,7 @@ class Windows:
     async def frames(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> AsyncGenerator[Frame, None]:
-        """Yield the frames of `refine_window`, the last of which is kept."""
+        """Yield the frames of `refine_window`, and keep the last one."""
         async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
@@ -62,13 +62,13 @@ class Windows:
     async def finest(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """Return the last of these frames, the same whether it is kept or computed. Raises as `refine_window`."""
+        """Return the last frame, from those kept or computed now. Raises as `refine_window`."""
         found = self._kept.get(self._key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
                 async for frame in frames:
                     found = frame
-        assert found is not None  # there is a last one
+        assert found is not None  # every window has a last frame
         return found
 
     @staticmethod
@@ -85,16 +85,17 @@ class Windows:
 async def refine_window(
     front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
 ) -> AsyncGenerator[Frame, None]:
-    """Compute a map of a window of the plane, about pixels (along δ, along ε) of it: frames ever finer.
+    """Compute a map of a window of the plane with about so many pixels (along δ, along ε), in finer and finer frames.
 
     The values are those of the survey `workers.window_survey(request, window, pixels)`, to the bit; quantities in
-    closed form come at once at full resolution. Who is slower than the workers gets the newest frame. Closing this
-    (``aclose``, or cancelling the task) gives up what is not begun. Waits for its turn behind `Settings.max_windows`.
+    closed form come at once at full resolution. A slow consumer gets the newest frame only. Closing the generator
+    (``aclose``, or cancelling the task) cancels parts that have not begun. At most `Settings.max_windows` are computed
+    at once.
 
     Yields
     ------
     Frame
-        Frames ever finer.
+        The map so far; the last one is complete.
 
     Raises
     ------
@@ -103,11 +104,11 @@ async def refine_window(
     ClusterLostError
         The workers went away.
     UnavailableError
-        They are not there, or too many windows wait already.
+        There are no workers, or too many windows wait already.
     """
     map_quantity(variable, index, request)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
-    while front.manager.cluster_state == STARTING:  # once it has started, whether it lives is told below
+    while front.manager.cluster_state == STARTING:  # later steps notice a dead cluster
         await asyncio.sleep(LOOK_SECONDS)
     if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
         raise UnavailableError("Too many windows are being computed. Try again in a few seconds.")
@@ -125,7 +126,7 @@ async def refine_window(
 
 
 class _Refinement:
-    """A thread that waits for the workers, and hands what it gets to the event loop."""
+    """A thread that waits for the workers, and passes frames to the event loop."""
 
     def __init__(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
         self._loop = asyncio.get_running_loop()
@@ -135,11 +136,11 @@ class _Refinement:
         threading.Thread(target=run, name="window", daemon=True).start()
 
     def stop(self) -> None:
-        """Let the thread come to its end, soon."""
+        """Let the thread end soon."""
         self._stopping.set()
 
     async def newest(self) -> Frame | None:
-        """Return the newest frame, or the next one; None after the last. Raises what the thread raised."""
+        """Return the newest frame, or wait for the next one; None after the last. Raises errors of the thread."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):

@@ -1,4 +1,4 @@
-"""One file per group of routes; :data:`ROUTERS` is all that ask for a key."""
+"""Routes, a file for each group; :data:`ROUTERS` has all routers that need a key."""
 
 from fastapi import APIRouter
 
@@ -14,11 +14,11 @@ from gear_rattle.service.routes import (
     surveys,
 )
 from gear_rattle.service.routes.model import (
-    basins,
-    curves,
+    basin_picture,
     intensity,
     machine,
     notebook,
+    plane_curves,
     points,
     reached,
     verdict,
@@ -39,8 +39,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     machine.router,
     verdict.router,
     limits.router,
-    basins.router,
+    basin_picture.router,
     notebook.router,
-    curves.router,
+    plane_curves.router,
     metrics.router,
 )

@@ -1,4 +1,4 @@
-"""Certificates of a survey that was submitted with `certify`: a document, and their store."""
+"""Routes of the certificates of a survey that was submitted with `certify`: a document, and their store."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 
 class CertificateLinks(BaseModel):
-    """Paths of what is proved."""
+    """Paths of the certificates and their store."""
 
     self: str
     survey: str
@@ -34,9 +34,9 @@ class CertificateLinks(BaseModel):
 
 
 class Certificates(BaseModel):
-    """How many periodic attractors are proved so far."""
+    """Number of periodic attractors that are proved so far."""
 
-    state: State = Field(description="of the survey: all attractors are through when it is successful")
+    state: State = Field(description="of the survey: all attractors are done when it is successful")
     proved: int
     refused: int = Field(description="not proved, which does not mean that they are false")
     links: CertificateLinks
@@ -44,12 +44,12 @@ class Certificates(BaseModel):
 
 @router.get(
     "/{survey_id}/certificates",
-    summary="What is proved of a survey's periodic attractors",
+    summary="Proved periodic attractors of a survey",
     response_model=Certificates,
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Answer with the certificates of a survey that was submitted with `certify`.
+    """Return the numbers of proved and unproved attractors of a survey that was submitted with `certify`.
 
     They grow once all tiles are computed.
     """
@@ -78,7 +78,10 @@ async def read_certificates(
     key: Annotated[str, Path(description="of the store", examples=["zarr.json", CERTIFICATES])],
     request: Request,
 ) -> Response:
-    """Return the variables are there when all attractors are through, the lines of certificates as they are proved."""
+    """Read a file of the store of certificates.
+
+    Lines of certificates appear as they are proved; the variables are complete when all attractors are done.
+    """
     job, out = await run_in_threadpool(_stored, front, survey_id)
     if not KEY.fullmatch(key):
         raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")

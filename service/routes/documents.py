@@ -1,4 +1,4 @@
-"""Documents of a survey, and their fields that those of a population share."""
+"""Documents of a survey, and fields that those of a population share with them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.web.prefix import public_path
 
 
 class Links(BaseModel):
-    """Paths of everything that belongs to a survey."""
+    """Paths of a survey's resources."""
 
     self: str
     events: str
@@ -42,7 +42,7 @@ class Standing(BaseModel):
 
 
 class Survey(Standing):
-    """A survey: where it stands, what was asked, where its results are."""
+    """A survey: its status, request and results."""
 
     notes: str
     links: Links
@@ -80,12 +80,12 @@ SurveyId = Annotated[
 
 
 def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
-    """Path of a survey or a population, the parent of everything that belongs to it."""
+    """Return the path of a survey or a population, under which its resources are."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 
 def request_shown(job: JobRow) -> dict[str, Any]:
-    """Return the request; nothing if the job database holds none that can be read."""
+    """Return the request; an empty object if the job database has no readable one."""
     return job.request if job.is_readable else {}
 
 
@@ -96,7 +96,7 @@ def _links(job: JobRow) -> Links:
 
 
 def status_fields(job: JobRow) -> dict[str, Any]:
-    """Return the fields of `Standing`."""
+    """Return the fields of `Standing`, the status of a job."""
     state, message = job.shown
     return {
         "id": job.id,

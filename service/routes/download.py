@@ -1,4 +1,4 @@
-"""A survey as a file: NetCDF with everything, CSV and Parquet with a row per cell, attractor or orbit."""
+"""Download a survey as a file: NetCDF with everything, CSV and Parquet with a row per cell, attractor or orbit."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
     responses={**_binary(NETCDF), **declared(404, 422)},
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """With the groups of the store. Complex variables are pairs of variables, `…_real` and `…_imag`."""
+    """Return all groups of the store. Complex variables are pairs of variables, `…_real` and `…_imag`."""
     return await _file(request, front, survey_id, "nc", NETCDF, _netcdf)
 
 
@@ -55,7 +55,10 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
     responses={**_binary(PARQUET), **declared(404, 422)},
 )
 async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
-    """Return the attributes of the survey are the metadata of the file. Needs the extra `parquet`, else 404."""
+    """Return the table of `download.csv` as Parquet, with the survey's attributes as its metadata.
+
+    It needs the extra `parquet`; without it the answer is 404.
+    """
     return await _file(request, front, survey_id, f"{form}.parquet", PARQUET, partial(_parquet, form=form))
 
 
@@ -66,7 +69,7 @@ async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form
     responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
 )
 async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
-    """Codes are written as numbers; a cell whose `status` is 0 is not computed yet."""
+    """Return a table with codes as numbers; a cell whose `status` is 0 is not computed yet."""
     place, headers = await _of(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
@@ -93,7 +96,7 @@ async def _file(
         _blocks(file),
         media_type=media_type,
         headers=headers | {"Content-Length": str(size)},
-        background=BackgroundTask(file.close),  # of HEAD no block is asked for
+        background=BackgroundTask(file.close),  # HEAD reads no block, so nothing else closes the file
     )
 
 
@@ -135,7 +138,7 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 def _lines(place: Path | Bucket, form: RowForm) -> Iterator[str]:
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
 
-    dataset = open_survey(place, as_stored=True)  # here, so that what is wrong is answered as a problem
+    dataset = open_survey(place, as_stored=True)  # before the answer begins, so that errors become problem documents
     try:
         require_readable(dataset, table_names(dataset, form))
     except BaseException:

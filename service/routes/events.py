@@ -1,4 +1,4 @@
-"""Events of a survey, as server-sent events."""
+"""Stream events of a survey, as server-sent events."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 LARGEST_ID = 2**53
 SEND_SECONDS = 30
 GRACE_SECONDS = 2.0
-#: What each event of the stream is.
+#: Schema of an event of the stream.
 EVENT = {
     "type": "object",
     "properties": {
@@ -58,12 +58,12 @@ async def follow(
         int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
     ] = 0,
 ) -> Response:
-    """Events `state` and `tile`, numbered from 1; the stream closes after the event of the final state."""
+    """Stream the events `state` and `tile`, numbered from 1, until the event of the final state."""
     return await stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
 
 
 async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the events of a survey or a population."""
+    """Return the stream of events of a survey or a population."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)
@@ -80,7 +80,7 @@ async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, la
 
 
 class _Stream(EventSourceResponse):
-    """A stream that ends once its caller may no longer read it, also while it waits for a client that does not."""
+    """A stream that ends once its caller is no longer authorised, even while a client does not read."""
 
     def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

@@ -1,4 +1,4 @@
-"""Health: the service can do its work, or not."""
+"""Report the health of the service, and whether it is ready."""
 
 from __future__ import annotations
 
@@ -58,7 +58,10 @@ def _status(front: Front, storage: str) -> str:
 
 @router.get("/health", summary="State of the service")
 def health(front: FrontState, request: Request) -> Health:
-    """Needs no key, and says more with one. 503 if the job database does not answer."""
+    """Return the state of the service. No key is needed; with one the answer has more fields.
+
+    The status is 503 if the job database does not answer.
+    """
     cluster, storage = front.manager.cluster_state, _storage(front)
     accepted, running = (_count(front, state) for state in ACTIVE)
     status = _status(front, storage)
@@ -78,13 +81,13 @@ def health(front: FrontState, request: Request) -> Health:
 
 @router.get("/ready", summary="Whether the service can do its work now")
 def ready(front: FrontState) -> Ready:
-    """Answer 200 once the service can work; needs no key.
+    """Answer 200 once the service can work; no key is needed.
 
-    503 with Retry-After until kernels are compiled and workers are there, and while nothing can be stored: for a load
-    balancer, or a script that waits.
+    The status is 503 with Retry-After until kernels are compiled and workers are there, and while nothing can be
+    stored. Load balancers and waiting scripts use it.
     """
     if front.kernels.at_work:
         raise KernelsError
     if (front.manager.cluster_state, _storage(front)) != (READY, OK):
-        raise UnavailableError("Surveys wait: GET /v1/health says for what. Try again in a few seconds.")
+        raise UnavailableError("The service is not ready: GET /v1/health says why. Try again in a few seconds.")
     return Ready(status=READY)

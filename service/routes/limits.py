@@ -1,4 +1,4 @@
-"""Design limits: how far one number of a gear may go."""
+"""Design limits of one number of a gear."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 
 Wanted = Annotated[Named | OfOrder, WrapValidator(_one_of_both)]
 WANTED = (
-    "what the limit is of; it need not be given. harmonic_12 is the amplitude of order 12 over that of the first, "
+    "number to limit, which need not be given itself. harmonic_12 is the amplitude of order 12 over that of the first, "
     "error_12 that of a machine in m"
 )
 
 
 class LimitDocument(BaseModel):
-    """A limit with its 95 % interval, in the unit of what was asked for; null: not between the values looked at."""
+    """A limit with its 95 % interval, in the unit of the number; null if it is not in the searched range."""
 
     at: float | None = Field(description="of the number that it is a curve over; null without one")
     value: float | None
@@ -74,7 +74,7 @@ class LimitDocument(BaseModel):
 
 
 class LimitsDocument(BaseModel):
-    """Until where gears run quietly with a probability of `share` at least."""
+    """Limits up to which gears run quietly with a probability of at least `share`."""
 
     of: Wanted
     share: float
@@ -96,7 +96,7 @@ async def numbers_of_query(
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
-    """Return the numbers of the query that are given."""
+    """Return the given numbers of the query."""
     numbers = {**locals(), **more}
     del numbers["more"]
     return {name: value for name, value in numbers.items() if value is not None}
@@ -115,21 +115,21 @@ async def limits(
     share: Annotated[
         float, Query(gt=0, le=MOST_SHARE, description="least probability of quiet running", examples=[0.8])
     ] = 0.99,
-    over: Annotated[Wanted | None, Query(description="what it is a curve over")] = None,
+    over: Annotated[Wanted | None, Query(description="number over which the limit is a curve")] = None,
     values: Annotated[
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
-        Query(max_length=MOST_VALUES, description="of that, each a parameter of its own"),
+        Query(max_length=MOST_VALUES, description="values of that number; repeat the parameter for each"),
     ] = None,
-    low: Annotated[float | None, positive_query("least value that is looked at", zero=True)] = None,
-    high: Annotated[float | None, positive_query("largest value that is looked at")] = None,
+    low: Annotated[float | None, positive_query("least searched value", zero=True)] = None,
+    high: Annotated[float | None, positive_query("largest searched value")] = None,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> LimitsDocument:
-    """Return the limit at which, and on whose safe side everywhere, a gear runs quietly with this probability.
+    """Return the limit on whose safe side a gear runs quietly everywhere with at least this probability.
 
-    It is the largest eccentricity, mesh error, backlash, restitution or speed, or the least damping, drag or load. In
-    metres, rpm and N m of a machine.
+    It is the largest eccentricity, mesh error, backlash, restitution or speed, or the least damping, drag or load; for
+    a machine in metres, rpm and N m.
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
@@ -160,7 +160,7 @@ def found_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """Return the limits that are asked for."""
+    """Return the requested limits."""
     asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
         return [design_limit(given, of, share, **asked)]

@@ -1,4 +1,4 @@
-"""A survey as a picture, finished or not."""
+"""Pictures of a survey, finished or not."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 PNG, SVG, PDF = "image/png", "image/svg+xml", "application/pdf"
 MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
-NARROWEST = 1e-10  # of what is farthest from 0 in a window: below, no tick can be told from the next
-FARTHEST = 1e100  # of what a window or the colours reach to
+NARROWEST = 1e-10  # least width of a window, relative to its end farthest from 0: ticks need distinct labels
+FARTHEST = 1e100  # largest end of a window or of the colours' range
 LONGEST_LINES = 200
-MOST_CELLS = 4_000_000  # of a window
+MOST_CELLS = 4_000_000  # the most pixels of a window
 LOOK_SECONDS = 1.0
 
 T = TypeVar("T")
@@ -48,7 +48,7 @@ Bound = Annotated[
     float | None,
     Query(ge=-FARTHEST, le=FARTHEST, description="of the window; by default the whole survey"),
 ]
-Colour = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of what the colours span")]
+Colour = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of the colours' range")]
 
 
 async def look_of_query(
@@ -70,7 +70,7 @@ async def look_of_query(
         int | None, Query(ge=0, le=10**9, description="by its number: cells in which it is not are dimmed")
     ] = None,
 ) -> Look:
-    """Return the look of the query. Raises LimitError."""
+    """Return the options of the picture in the query. Raises LimitError."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose of {', '.join(LINES)}.")
@@ -87,7 +87,7 @@ async def look_of_query(
 
 
 def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
-    """Both ends of a range, None without. Raises LimitError where there is one alone, or nothing between them."""
+    """Return both ends of a range, None without any. Raises LimitError for one end alone, or for an empty range."""
     first, last = ends or (f"{name}_min", f"{name}_max")
     both = _both(first, low, last, high)
     if both is None:
@@ -99,7 +99,7 @@ def _range(name: str, low: float | None, high: float | None, ends: tuple[str, st
 
 
 def _both(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] | None:
-    """Two parameters that belong together, None without. Raises LimitError where there is one alone."""
+    """Return two parameters that belong together, None without both. Raises LimitError for one alone."""
     if one is None and other is None:
         return None
     if one is None or other is None:
@@ -132,7 +132,7 @@ async def asked_for(
     pixels_epsilon: Pixels = None,
     caption: Annotated[bool, Query(description="say below which survey it is, its address, and the version")] = False,
 ) -> Asked:
-    """Return the map of the query. Raises LimitError."""
+    """Return the requested map of the query. Raises LimitError."""
     pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
         raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")
@@ -153,7 +153,7 @@ def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, An
     responses=_answers(PNG, {"type": "string", "format": "binary"}),
 )
 async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
-    """Cells that failed or are still to be computed are told apart from the others."""
+    """Draw a map; failed cells and cells still to be computed have colours of their own."""
     return await _answer(request, front, survey_id, asked, "png", PNG)
 
 
@@ -164,7 +164,7 @@ async def picture(request: Request, front: FrontState, survey_id: SurveyId, aske
     responses=_answers(SVG, {"type": "string"}),
 )
 async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
-    """Lines and letters are vectors, cells pixels."""
+    """Draw a map with lines and letters as vectors, and cells as pixels."""
     return await _answer(request, front, survey_id, asked, "svg", SVG)
 
 
@@ -175,7 +175,7 @@ async def drawing(request: Request, front: FrontState, survey_id: SurveyId, aske
     responses=_answers(PDF, {"type": "string", "format": "binary"}),
 )
 async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
-    """Lines and letters are vectors, cells pixels."""
+    """Draw a map with lines and letters as vectors, and cells as pixels."""
     return await _answer(request, front, survey_id, asked, "pdf", PDF)
 
 
@@ -185,7 +185,7 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {
         "ETag": picture_tag(survey_id, job.last_event, asked, form),
-        "Cache-Control": REVALIDATE,  # another version may draw otherwise, and what was lost may have been repaired
+        "Cache-Control": REVALIDATE,  # another version may draw differently, and lost tiles may have been repaired
     }
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
@@ -198,7 +198,7 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
 
 
 async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Over:
-    """Return the drawings that are found before anything is drawn. Raises SurveyError, or UnavailableError."""
+    """Return the overlays, which are computed before the map is drawn. Raises SurveyError, or UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
@@ -207,12 +207,12 @@ async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> 
 
 
 async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
-    """Return the drawings, unless the client has left."""
+    """Return the overlays, unless the client has left."""
     task = asyncio.ensure_future(finding)
     try:
         while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:
             if await request.is_disconnected():
-                raise UnavailableError("Whoever asked for this picture has left.")
+                raise UnavailableError("The client of this picture has disconnected.")
         return task.result()
     finally:
         task.cancel()

@@ -13,7 +13,7 @@ from rattle import Estimate, Population, RattleError
 
 
 class PopulationLinks(BaseModel):
-    """Paths of everything that belongs to a population."""
+    """Paths of a population's resources."""
 
     self: str
     events: str
@@ -22,7 +22,7 @@ class PopulationLinks(BaseModel):
 
 
 class PopulationDocument(Standing):
-    """A population: where it stands, what was asked, where its results are. Its cells are gears."""
+    """A population: its status, request and results. Its cells are gears."""
 
     links: PopulationLinks
 
@@ -57,11 +57,11 @@ class EstimateDocument(BaseModel):
 
     seconds: float
     workers: int
-    basis: str = Field(description="what that rests on")
+    basis: str = Field(description="basis of the estimate")
 
 
 class Interval(BaseModel):
-    """A number with its 95 % interval; null: an end that no gear reaches."""
+    """A number with its 95 % interval; null for an end that no gear reaches."""
 
     value: float | None
     low: float | None
@@ -74,7 +74,7 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of one number: the share of the variance that it makes alone, and with all others."""
+    """Sobol indices of one number: its share of the variance alone, and together with all others."""
 
     first: Interval
     total: Interval
@@ -95,13 +95,13 @@ class Answers(BaseModel):
     gears: int
     count: int
     quiet: Interval = Field(description="probability that a gear runs quietly")
-    undecided: float = Field(description="share of samples that no attractor could be told for")
-    passing: Interval | None = Field(description="yield: share of gears that pass; null if that was not asked")
+    undecided: float = Field(description="share of undecided samples")
+    passing: Interval | None = Field(description="yield: share of gears that pass; null if it was not requested")
     intensity: dict[str, Interval] | None = Field(
         description="quantiles of Σv²/2 per revolution, of a machine of the power in W; null if nothing is decided"
     )
-    quiet_indices: dict[str, IndexDocument] | None = Field(description="of the share of quiet runs; null: not told")
-    energy_indices: dict[str, IndexDocument] | None = Field(description="of the mean energy; null: not told")
+    quiet_indices: dict[str, IndexDocument] | None = Field(description="of the share of quiet runs; null if unknown")
+    energy_indices: dict[str, IndexDocument] | None = Field(description="of the mean energy; null if unknown")
     worst: list[WorstDocument]
 
 
@@ -124,7 +124,7 @@ def answers_document(found: Population) -> Answers:
 def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
     try:
         indices = found.indices(of)
-    except RattleError:  # the gears do not differ by more than their samples do
+    except RattleError:  # the gears differ no more than samples of one gear
         return None
     return {
         name: IndexDocument(first=Interval.of(each.first), total=Interval.of(each.total))

@@ -1,4 +1,4 @@
-"""Submit, list, show and remove populations of gears, and what follows from them."""
+"""Submit, list, show and remove populations of gears, and return their answers."""
 
 from __future__ import annotations
 
@@ -70,9 +70,9 @@ def submit_population(
     idempotency_key: IdempotencyKey = None,
     force: Annotated[bool, Query(description="compute it although an identical population is there")] = False,
 ) -> PopulationDetail:
-    """Accept a population and compute it in the background as a survey is.
+    """Accept a population, which is computed in the background like a survey.
 
-    `POST /v1/surveys` says what identical ones and idempotency keys are answered with.
+    `POST /v1/surveys` describes the answers to identical requests and to idempotency keys.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     tell_of_acceptance(response, job, KIND)
@@ -81,12 +81,12 @@ def submit_population(
 
 @estimates.post(
     "/estimate",
-    summary="What a population will cost",
+    summary="Estimate the cost of a population",
     dependencies=[Depends(require_json)],
     responses=declared(415, 422),
 )
 async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
-    """Seconds, measured on a few of its gears."""
+    """Return the cost in seconds, measured on a few of its gears."""
     found = await estimate(front, body)
     return EstimateDocument(seconds=found.seconds, workers=found.workers, basis=found.basis)
 
@@ -124,7 +124,7 @@ def show_population(request: Request, front: FrontState, population_id: Populati
 @router.post(
     "/{population_id}/verify",
     status_code=202,
-    summary="Check every tile of a population, and compute again what is damaged or missing",
+    summary="Check every tile of a population, and compute damaged or missing ones again",
     responses=declared(404, 409, 422, 429),
 )
 def verify_population(
@@ -181,18 +181,21 @@ async def read_population(
     key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "energy/c/0/0"])],
     request: Request,
 ) -> Response:
-    """Its variables are over `gear`; otherwise as `GET /v1/surveys/{survey_id}/store/{key}`."""
+    """Read a file of a population's store, whose variables are over `gear`.
+
+    Otherwise it answers as `GET /v1/surveys/{survey_id}/store/{key}` does.
+    """
     return await stored_file(front, population_id, KIND, key, request)
 
 
 @router.get(
     "/{population_id}/answers",
-    summary="What follows from a population that has ended",
+    summary="Answers of a population that has ended",
     response_model=Answers,
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
-    """Probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
+    """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, place = await run_in_threadpool(front.stored, population_id, KIND)
     if job.state != State.SUCCESSFUL:
         raise MissingError(f"Population {population_id} is {job.state}, and answers come with its last gear.")

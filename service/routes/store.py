@@ -1,4 +1,4 @@
-"""The zarr store of a survey, read-only, for ``xr.open_zarr("http://…/v1/surveys/{id}/store")``."""
+"""Serve the zarr store of a survey, read-only, for ``xr.open_zarr("http://…/v1/surveys/{id}/store")``."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from gear_rattle.workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-# What zarr calls its groups, arrays and chunks: no dot files, no parents, no empty segments.
+# Names of zarr's groups, arrays and chunks: no dot files, no parents, no empty segments.
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
-NOT_THERE = (401, 404)  # 401: StaticFiles' word for a file without permission
+NOT_THERE = (401, 404)  # StaticFiles answers 401 for a file without permission
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
-#: What the files of a store are answered as.
+#: Responses for the files of a store.
 FILES: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {
@@ -62,8 +62,8 @@ async def read(
 ) -> Response:
     """Read a file of a store.
 
-    A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and cannot
-    be read is no fill value: 503, and POST …/verify computes it again.
+    A chunk that is not computed yet has no file: the answer is 404, which zarr reads as fill values. If a chunk was
+    computed but cannot be read, the answer is 503, and POST …/verify computes it again.
     """
     return await stored_file(front, survey_id, JobKind.SURVEY, key, request)
 
@@ -76,13 +76,13 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
     unchanging = job.state == State.SUCCESSFUL
     try:
         response = await file_at(store, key, request, unchanging)
-    except (HTTPException, OSError) as error:  # a link that leads round in a circle is an OSError
+    except (HTTPException, OSError) as error:  # a circular link is an OSError
         if getattr(error, "status_code", 404) not in NOT_THERE:
             raise
         if not await run_in_threadpool(is_owed, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await file_at(store, key, request, unchanging)  # it may have come meanwhile
+            response = await file_at(store, key, request, unchanging)  # it may have been written meanwhile
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed and cannot be read now. "
@@ -103,5 +103,5 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unch
 
 
 def _by_tag_only(scope: Scope) -> Scope:
-    """Without If-Modified-Since, which counts in seconds: what is still written may change twice within one."""
+    """Return the scope without If-Modified-Since, whose resolution is a second: files may change twice in one."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

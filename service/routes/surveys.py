@@ -33,12 +33,12 @@ RETRY_SECONDS = "1"
 
 IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
 Cursor = Annotated[
-    int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; nothing for the first")
+    int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; left out for the first page")
 ]
 
 
 def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Say where a survey or a population that was submitted is: 200 if it has ended, else when to look again."""
+    """Set the location of a submitted job in the response: status 200 if it has ended, else Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).final:
         response.status_code = 200
@@ -47,7 +47,7 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
 
 
 def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
-    """Return one page of a list, newest first, how many there are in all, and the cursor of the next page."""
+    """Return one page of a list, newest first, the number of all entries, and the cursor of the next page."""
     jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
     page = jobs[:limit]
     return page, count, str(page[-1].number) if len(jobs) > limit else None
@@ -59,7 +59,7 @@ def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
 
 
 async def require_json(request: Request) -> None:
-    """Refuse a body that does not say it is JSON, instead of guessing."""
+    """Refuse a body whose media type is not JSON."""
     declared_type = Message()
     declared_type["content-type"] = request.headers.get("content-type", "")
     subtype = declared_type.get_content_subtype()
@@ -87,15 +87,14 @@ def submit(
     idempotency_key: IdempotencyKey = None,
     force: Annotated[bool, Query(description="compute it although an identical survey is there")] = False,
 ) -> SurveyDetail:
-    """Accept a survey and compute it in the background, or answer with one that is there.
+    """Accept a survey and compute it in the background, or answer with an existing one.
 
-    A survey is identical if nothing differs that decides its numbers, the code included: the name may differ. A
-    successful one, of anybody, is answered at once with 200; one of yours that waits or runs with 202. Failed and
-    dismissed ones are computed again from the beginning, as a new survey.
+    Surveys are identical if everything that decides their numbers is the same, the code included; names may differ. For
+    an identical successful survey, of anybody, the answer is 200 at once; for one of yours that waits or runs it is
+    202. Failed and dismissed ones are computed again from the beginning, as a new survey.
 
-    The same body with the same `Idempotency-Key` again answers with the survey that it was answered with the first
-    time, `force` or not, for as long as that survey is there. Of the keys that a survey was answered with but not made
-    with, the latest 100 are remembered.
+    The same body with the same `Idempotency-Key` again gets the survey of the first answer, with or without `force`,
+    for as long as that survey exists. A survey remembers the key that created it, and the latest 100 others.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     tell_of_acceptance(response, job, JobKind.SURVEY)
@@ -136,13 +135,13 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
 @router.post(
     "/{survey_id}/verify",
     status_code=202,
-    summary="Check every tile of a survey, and compute again what is damaged or missing",
+    summary="Check every tile of a survey, and compute damaged or missing ones again",
     responses=declared(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """Let a survey that was successful, was dismissed, or failed and may succeed now, wait and run again.
+    """Run a survey again that was successful, dismissed, or failed and may succeed now.
 
-    Every chunk has a checksum: those that are whole are kept as they are, and stay readable.
+    Every chunk has a checksum: whole chunks are kept, and stay readable.
     """
     job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)
@@ -162,10 +161,10 @@ def describe(
     survey_id: SurveyId,
     body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
 ) -> SurveyDetail:
-    """Describe a survey at any time, by the key that submitted it.
+    """Give a survey another name or notes at any time, with the key that submitted it.
 
-    Fields that are left out stay as they are; so does the store, which keeps the name that it was submitted with, and
-    identical surveys are found whatever their names.
+    Fields that are left out do not change. The store keeps the name of the submission, and names do not matter for
+    whether surveys are identical.
     """
     return _detail(front, describe_survey(front, caller, survey_id, body))
 
@@ -179,8 +178,8 @@ def describe(
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
     """Dismiss a survey that waits or runs, or delete one that has ended.
 
-    A dismissed survey keeps its computed tiles until it is deleted by a second DELETE. Every key may read every survey;
-    only the key that submitted one may remove it.
+    A dismissed survey keeps its computed tiles until a second DELETE deletes it. Every key may read every survey; only
+    the key that submitted a survey may remove it.
     """
     dismissed = remove_survey(front, caller, survey_id)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)

@@ -1,1 +1,1 @@
-"""Processing of every HTTP answer."""
+"""Common processing of all HTTP answers."""

@@ -1,4 +1,4 @@
-"""Conditional requests (RFC 9110): what a client has already is not sent again."""
+"""Conditional requests (RFC 9110): a client does not get again what it already has."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gear_rattle.workers.survey.version import code_version
 
-#: Asked again each time, and answered with 304 if nothing changed.
+#: Clients ask again each time, and get 304 if nothing has changed.
 REVALIDATE = "no-cache"
-#: What changes rarely: answers that depend on the query and the code alone with another version of the code, and the
-#: store of a successful survey when damage is repaired. For ever would keep the damage for ever.
+#: For answers that change rarely: those that depend on the query and the code alone, and the store of a successful
+#: survey, which changes when damage is repaired.
 HOUR = "max-age=3600"
 
 NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
-    304: {"description": "what the client has, by If-None-Match, is still the answer"}
+    304: {"description": "the client's copy, by If-None-Match, is still valid"}
 }
 
 
-#: What a 304 carries of the answer that it stands for.
+#: Headers of an answer that its 304 keeps.
 OF_UNCHANGED = frozenset({"etag", "cache-control", "last-modified", "expires", "vary", "content-location", "date"})
 
 
 class AnyTagMiddleware:
-    """Answers `If-None-Match: *` with 304 wherever the answer would carry a tag: only then is it known to be one."""
+    """Answers `If-None-Match: *` with 304 where the answer would have an ETag, since only then the resource exists."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -69,12 +69,12 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
     Parameters
     ----------
     modified : str | None
-        ISO 8601, since when it has been as it is; None if it may change more than once a second.
+        Time of the last change, ISO 8601; None if it may change more than once a second.
 
     Returns
     -------
     Response
-        The response.
+        With ETag and Cache-Control, and Last-Modified if it is given.
     """
     body = document.model_dump_json().encode()
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
@@ -86,7 +86,7 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
 
 
 async def function_of_query(request: Request, response: Response) -> None:
-    """For routes whose answer depends on the query and the code alone. Raises HTTPException 304 before computing it."""
+    """Set the ETag of routes that depend on the query and the code alone, or raise HTTPException 304."""
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
     if is_known(request, headers):
@@ -95,18 +95,18 @@ async def function_of_query(request: Request, response: Response) -> None:
 
 
 def picture_tag(*parts: object) -> str:
-    """Return a weak ETag: pictures with it show the same, though perhaps with a tile more."""
+    """Return a weak ETag: pictures with the same one show the same, except perhaps for a further tile."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
 def is_known(request: Request, headers: Mapping[str, str]) -> bool:
-    """Return whether the client says that it has the representation with these headers."""
+    """Return whether the client already has the representation with these headers."""
     if (tags := request.headers.get("if-none-match")) is not None:
         return _opaque(headers["ETag"]) in {_opaque(tag) for tag in tags.split(",")}
     try:
         since = parsedate_to_datetime(request.headers["if-modified-since"])
         return parsedate_to_datetime(headers["Last-Modified"]) <= since
-    except (KeyError, ValueError, TypeError):  # not asked, not known, no date, or one without a zone
+    except (KeyError, ValueError, TypeError):  # a header is missing, or its date is invalid or without a zone
         return False
 
 
@@ -120,14 +120,6 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Return the version of answers.
-
-    It changes with the code that computes, and with the code here that writes them.
-
-    Returns
-    -------
-    str
-        The version.
-    """
+    """Return a hash of the code that computes answers, and of the code that writes them."""
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

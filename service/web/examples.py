@@ -1,4 +1,4 @@
-"""Examples of the OpenAPI document. Tests execute the requests and hold the answers against what is answered."""
+"""Examples of the OpenAPI document. Tests execute the requests and compare the answers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REQUEST: dict[str, Any] = {
     "seed": 0,
 }
 
-#: With a third axis: of each half-backlash the plane.
+#: A survey with a third axis: a plane for each half-backlash.
 THIRD_AXIS: dict[str, Any] = {
     "name": "figure 7 for five backlashes",
     "beta": {"start": 0.5, "stop": 0.7, "num": 5},
@@ -253,7 +253,7 @@ PROBLEM: dict[str, Any] = {
     "errors": [{"field": "body.delta.num", "message": "must be at least 2, got 1"}],
 }
 
-#: By the names of the models.
+#: Examples by the name of the model.
 ANSWERS = {
     "SurveyDetail": DETAIL,
     "SurveyList": LIST,
@@ -268,7 +268,7 @@ ANSWERS = {
 
 
 def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
-    """OpenAPI links to operations, with the parameters that all of them take from the answer."""
+    """Return OpenAPI links to operations, with parameters that all of them take from the answer."""
     further = {"read": {"key": "zarr.json"}}
     return {
         name: {
@@ -280,11 +280,11 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """To what is computed at one point, whose coordinates are where `parts` say, or lie open in the answer."""
+    """Return links to operations at one point, whose coordinates are where `parts` say, or fields of the answer."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 
-#: From the first answer about a survey to all that belongs to it: its parts, its first cell, its window.
+#: Links from the first answer about a survey to its resources, its first cell and its window.
 SURVEY_LINKS = {
     **_links({"survey_id": "id"}, "show", "remove", "verify", "follow", "read", "picture"),
     **_point_links(
@@ -303,5 +303,5 @@ SURVEY_LINKS = {
 }
 ORBITS_LINKS = _point_links("attractors", "basins")
 ATTRACTORS_LINKS = _point_links("orbits", "basins", "intensity")
-#: To the first of the points where curves meet.
+#: Links to the first codimension-two point.
 CURVES_LINKS = _point_links(*("orbits", "attractors", "basins"), delta="points/0/delta", epsilon="points/0/epsilon")

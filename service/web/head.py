@@ -1,4 +1,4 @@
-"""HEAD for everything that can be got: the answer to GET without its body."""
+"""Answer HEAD like GET, without the body."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadMiddleware:
-    """Answers HEAD by the routes for GET; an answer without end, such as an event stream, ends after its header."""
+    """Answers HEAD by the routes for GET; an endless answer, such as an event stream, ends after its header."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

@@ -1,4 +1,4 @@
-"""Objects of a bucket over HTTP, as files are: with ETag, conditions and one range (RFC 9110)."""
+"""Serve objects of a bucket over HTTP like files: with ETag, conditions and a single range (RFC 9110)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 
 
 async def object_response(store: Bucket, key: str, request: Request) -> Response:
-    """Return the object, the range of it that is asked for, or 304. Chunks are small enough to be held whole.
+    """Return an object, the requested range of it, or 304. Chunks are small enough for memory.
 
     Returns
     -------
     Response
-        The response.
+        Status 200, 206 or 304.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The path below which a proxy has this service, and the scheme that browsers use."""
+"""The path under which a proxy publishes this service, and the scheme that browsers use."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _root: ContextVar[str] = ContextVar("root_path", default="")
 
 
 def public_path(path: str) -> str:
-    """Return a path of this service as the client of the current request has to ask for it."""
+    """Return a path of this service as the client of the current request must request it."""
     return _root.get() + path
 
 
 def route_path(scope: Scope) -> str:
-    """Return the path of a request without the prefix of the proxy, as the routes know it."""
+    """Return the path of a request as routes know it, without the prefix of the proxy."""
     path, root = str(scope["path"]), str(scope.get("root_path", ""))
     return path.removeprefix(root) if path.startswith(f"{root}/") else path
 
@@ -69,6 +69,6 @@ class PrefixMiddleware:
             _root.reset(token)
 
     def _forwarded_prefix(self, headers: Headers) -> str:
-        """Return the prefix that a trusted proxy says; empty if it says none, or something that is no path."""
+        """Return the prefix from a trusted proxy; empty if there is none, or an invalid one."""
         said = headers.get(PREFIX_HEADER, "").rstrip("/") if self._trusted else ""
         return said if ROOT_PATH.fullmatch(said) else ""

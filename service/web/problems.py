@@ -31,13 +31,13 @@ MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
 RETRY_AFTER = {"Retry-After": "5"}
 HEADERS_OF = {401: {"WWW-Authenticate": 'Bearer realm="gear rattle"'}, 429: RETRY_AFTER, 503: RETRY_AFTER}
-#: What any request may be answered with, before or whatever its route.
+#: Statuses of errors that any request may get, whatever its route.
 ANYWHERE = (400, 403, 408, 413, 414, 415, 431, 500, 503)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)
 
-#: The first class that matches wins, so subclasses stand before their bases.
+#: The first matching class decides, so subclasses come before their bases.
 STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.UnauthorizedError, 401),
     (errors.ForbiddenError, 403),
@@ -55,7 +55,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (SQLAlchemyError, 503),
 )
 
-#: What a client can do about errors that carry no sentence of their own.
+#: Advice for errors without a message of their own.
 ADVICE = {
     400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
     401: "Send an API key in the header Authorization: Bearer KEY. `rattle key add` makes one where the service runs.",
@@ -63,7 +63,7 @@ ADVICE = {
     405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
     408: "The request did not arrive whole in time. Send it at once, or closer to the service.",
     413: "The request body is too large here. Give a survey by its axes, and a measured curve by fewer points.",
-    414: "The URL is too long. Nothing that this service knows has a long one.",
+    414: "The URL is too long. Send a shorter one.",
     415: "Send the body as JSON, with the header Content-Type: application/json.",
     416: "The file is shorter than the requested range. Ask for bytes below its Content-Length.",
     422: "Some fields of the request are not acceptable; `errors` names each of them.",
@@ -72,7 +72,7 @@ ADVICE = {
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
-#: Codes of errors that are no exception of this project, by their status.
+#: Codes of errors other than this project's exceptions, by status.
 CODES = {
     400: "bad_request",
     401: "unauthorized",
@@ -111,7 +111,7 @@ class Problem(BaseModel):
 
 
 def declared(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """OpenAPI declaration of the problem documents that a route may answer with."""
+    """Return the OpenAPI declaration of a route's problem documents."""
     schema = {"$ref": "#/components/schemas/Problem"}
     return {
         status: {"description": HTTPStatus(status).phrase, "content": {MEDIA_TYPE: {"schema": schema}}}
@@ -127,7 +127,7 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     code: str = "",
 ) -> Response:
-    """Return the answer for one error, always valid JSON, whatever text the request smuggled into it."""
+    """Return the problem document of an error, which is valid JSON whatever text the request contained."""
     problem = Problem(
         title=HTTPStatus(status).phrase,
         status=status,
@@ -142,24 +142,24 @@ def problem_response(
 
 
 def install(app: FastAPI) -> None:
-    """Let every error of ``app`` leave as a problem document."""
+    """Let every error of ``app`` be answered with a problem document."""
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)
     for kind in (RattleError, SQLAlchemyError):
         app.add_exception_handler(kind, _on_known_error)
     app.add_exception_handler(Exception, _on_unknown_error)
-    # FastAPI's documented way to extend the schema, which mypy takes for a mistake
+    # FastAPI's documented way to extend the schema, which mypy reports as an error
     app.openapi = partial(_openapi_with_problem, app.openapi)  # type: ignore[method-assign]
 
 
 def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    # FastAPI would declare a model under application/json, which is not what is sent.
+    # FastAPI would declare a model under application/json, which is not the media type of problem documents.
     document = generate()
     schemas = document.setdefault("components", {}).setdefault("schemas", {})
     if Problem.__name__ not in schemas:
         schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs") | {Problem.__name__: schema}
-    # Here, because FastAPI leaves every null out of its document.
+    # Examples are added here because FastAPI omits every null from its document.
     for name, example in ANSWERS.items():
         if name in schemas:
             schemas[name]["examples"] = [example]
@@ -167,7 +167,7 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
 
 
 def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
-    """Refused fields of a pydantic error, in this project's words."""
+    """Return the refused fields of a pydantic error, with this project's messages."""
     return [FieldError(field=".".join(str(part) for part in item["loc"]), message=words_of(item)) for item in details]
 
 
@@ -202,11 +202,11 @@ def _allowed_methods(request: Request) -> list[str]:
 
 
 def _on_known_error(request: Request, error: Exception) -> Response:
-    beyond = type(error) is RattleError  # of no class of its own: the library cannot compute this at these parameters
+    beyond = type(error) is RattleError  # the bare class means that the library cannot compute this at these parameters
     status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 422 if beyond else 500)
     if status == 500 or isinstance(error, SQLAlchemyError):
         log.error("%s %s", request.method, request.url.path, exc_info=error)
-    # What a database error says is about SQL, which helps nobody outside.
+    # The message of a database error is about SQL, and does not help clients.
     detail = ADVICE[503] if isinstance(error, SQLAlchemyError) else ADVICE[500] if status == 500 else str(error)
     fields = [FieldError(field=error.field, message=str(error))] if isinstance(error, errors.LimitError) else []
     code = error.code if isinstance(error, RattleError) and status != 500 else ""
@@ -225,7 +225,7 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 class ProblemMiddleware:
     """Turn plain-text errors of libraries (413, 416) into problem documents, and unexpected exceptions into 500.
 
-    The latter is logged and counted like any other; the exception goes on to the server's log.
+    An unexpected exception is logged and counted like any other, and also reaches the server's log.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -249,7 +249,7 @@ class ProblemMiddleware:
 
         try:
             await self.app(scope, receive, send_problem)
-        except ClientDisconnect:  # nobody is there to be answered
+        except ClientDisconnect:  # the client is gone
             raise
         except Exception:
             if not begun:

@@ -1,4 +1,4 @@
-"""Query parameters that a route does not have are refused: a misspelt one would be ignored without a word."""
+"""Refuse query parameters that a route does not have, so that misspelt ones are not silently ignored."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from fastapi.exceptions import RequestValidationError
 
 from rattle.errors import did_you_mean
 
-#: Of each path and method. Every application of a process has the same routes, and their description takes a quarter of
-#: a second to make.
+#: Parameters by path and method. All applications of a process have the same routes, whose description takes a quarter
+#: of a second to make.
 _known: dict[tuple[str, str], list[str]] = {}
 
 
@@ -19,7 +19,7 @@ async def refuse_unknown(request: Request) -> None:
     asked = request.scope["route"].path, request.method.lower()
     if asked not in _known:
         _known.update(_declared(request))
-    known = _known.setdefault(asked, [])  # of no path that is described
+    known = _known.setdefault(asked, [])  # a path without a description has no parameters
     message = f"there is no such parameter; this path knows {', '.join(known) or 'none'}"
     unknown = [
         {"loc": ("query", name), "msg": message + did_you_mean(name, known)}

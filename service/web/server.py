@@ -1,4 +1,4 @@
-"""Run the application by uvicorn, on an address that is taken first, and end within seconds of a signal."""
+"""Run the application with uvicorn, on an address that is bound first, and end within seconds of a signal."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from fastapi import FastAPI
 from gear_rattle.service.errors import AddressError
 from gear_rattle.service.settings import Settings
 
-#: From the signal to the end of everything that is still at work.
+#: Longest time from the signal to the end of all work.
 STOP_SECONDS = 3.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: The process that removes the semaphores of the others when they are gone.
+#: The process that removes the semaphores of ended processes.
 TRACKER = "multiprocessing.resource_tracker"
-OBJECTS = 50_000  # that are made between two collections of garbage: to look through them takes 15 ms, all at once
-#: Larger blocks, in bytes, go back to the system when they are freed. glibc moves this limit up to 32 MiB by itself;
-#: then each of the arenas that threads allocate from keeps what arrays took: a service grew for hours.
+OBJECTS = 50_000  # new objects between two garbage collections, each of which blocks for 15 ms
+#: Larger blocks, in bytes, are returned to the system when they are freed. glibc raises this limit up to 32 MiB by
+#: itself; then the arena of each thread keeps the memory of arrays, and a service grew for hours.
 LARGE = 1 << 18
-M_MMAP_THRESHOLD = -3  # of malloc.h
+M_MMAP_THRESHOLD = -3  # constant of malloc.h
 #: A message of a page of the explorer is small.
 MAX_MESSAGE_BYTES = 1 << 20
 
@@ -54,12 +54,12 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     Returns
     -------
     bool
-        Whether it has started.
+        Whether the server had started.
 
     Raises
     ------
     AddressError
-        Nothing can listen at the address; nothing has been started.
+        The address cannot be bound; nothing has been started.
     """
     return_large_blocks()
     sockets = bind(settings.host, settings.port)
@@ -72,11 +72,11 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
             timeout_keep_alive=settings.idle_seconds,
             timeout_graceful_shutdown=settings.shutdown_seconds,
             ws_max_size=MAX_MESSAGE_BYTES,
-            ws_per_message_deflate=False,  # of maps, in the event loop, while everybody waits
-            proxy_headers=False,  # who sends a request is who connects
+            ws_per_message_deflate=False,  # compressing maps would block the event loop
+            proxy_headers=False,  # the client's address is that of the connection
             server_header=False,
             log_config=log_config,
-            access_log=False,  # RequestLogMiddleware says more
+            access_log=False,  # RequestLogMiddleware logs more
         )
     )
 
@@ -89,11 +89,11 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
             host, port = each.getsockname()[:2]
             log.info("listening at http://%s:%d", f"[{host}]" if ":" in host else host, port)
         gc.set_threshold(OBJECTS)
-        gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
+        gc.freeze()  # otherwise every full collection scans all modules, and blocks answers meanwhile
         if settings.preload:
-            app.state.front.kernels.begin()  # before anybody asks for what needs them
-        if explorer := app.state.explorer:  # the first who opens the explorer shall not wait for it
-            app.state.preparing = asyncio.ensure_future(explorer.prepare())  # a reference, or it may be collected
+            app.state.front.kernels.begin()  # before the first request needs them
+        if explorer := app.state.explorer:  # prepared before somebody opens the explorer
+            app.state.preparing = asyncio.ensure_future(explorer.prepare())  # a reference keeps the task alive
 
     app.state.on_start = begin
     server.run(sockets)
@@ -112,7 +112,7 @@ def bind(host: str, port: int) -> list[socket.socket]:
     Returns
     -------
     list[socket.socket]
-        The sockets.
+        One for each address.
 
     Raises
     ------
@@ -141,9 +141,9 @@ def bind(host: str, port: int) -> list[socket.socket]:
 
 
 def _end_with_signals(app: FastAPI) -> None:
-    """Begin to end surveys, requests and the process with the signal, and not after uvicorn has ended its connections.
+    """End surveys and requests at the signal, and not only after uvicorn has closed its connections.
 
-    Runs inside the lifespan: uvicorn's own handlers are in place and are called after this one.
+    It runs inside the lifespan, where uvicorn's handlers are installed; they are called after this one.
     """
     loop = asyncio.get_running_loop()
 
@@ -165,7 +165,7 @@ def _end_with_signals(app: FastAPI) -> None:
 
 
 def _end_now() -> None:
-    """Kill what is still busy. Nothing is lost: tiles are files that appear whole, and the database has committed."""
+    """Kill busy processes. Nothing is lost: tiles are files that appear whole, and the database has committed."""
     log.warning("still busy after %g s: ending now", STOP_SECONDS)
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):

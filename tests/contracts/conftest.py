@@ -1,4 +1,4 @@
-"""What the tests of this folder share."""
+"""Fixtures of the tests in this folder."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -27,7 +27,7 @@ def _databases_are_waited_for() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _routes_are_made_once() -> Iterator[None]:
-    """And not for each of two hundred applications, in which they are the same: it takes a tenth of a second."""
+    """Make the routes once, not for each of two hundred applications, which takes a tenth of a second each."""
     make, made = _EffectiveRouteContext.from_api_route, dict[int, _EffectiveRouteContext]()
 
     def route(*, original_route: APIRoute, **options: Any) -> _EffectiveRouteContext:
@@ -42,7 +42,7 @@ def _routes_are_made_once() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _curves_are_traced_once() -> Iterator[None]:
-    """Of a template: they are those of any other request for the same window, and the same bytes."""
+    """Trace the curves of a window once for all templates; their bytes do not change."""
     write, written = gear_rattle.workers.survey.template._write_curves, dict[Any, dict[str, Any]]()
 
     def curves(root: zarr.Group, request: SurveyRequest) -> None:
@@ -61,7 +61,7 @@ def _curves_are_traced_once() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def templates_once() -> Iterator[None]:
-    """Of the stores of one request the template is made once: it takes longer than its few cells."""
+    """Make the template of a request once for all its stores, since it takes longer than its few cells."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             gear_rattle.workers.storage.store, "template_of", cache(gear_rattle.workers.storage.store.template_of)

@@ -68,7 +68,7 @@ async def run_here(compute: Callable[..., Any], *arguments: Any, limiter: Any, *
 
 @contextmanager
 def points_in(process: Any) -> Iterator[None]:
-    """What computes points meanwhile: `anyio.to_process`, or `IN_A_THREAD`."""
+    """Replace the module that computes points: `anyio.to_process`, or `IN_A_THREAD`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(turns, "to_process", process)
         yield
@@ -94,7 +94,7 @@ def local_client(app: FastAPI) -> TestClient:
 
 
 def front_of(client: TestClient) -> Front:
-    """What the routes of this application share."""
+    """Return the state that the routes of this application share."""
     front: Front = client.app.state.front
     return front
 
@@ -130,15 +130,15 @@ def peer(client: TestClient, address: tuple[str, int]) -> Iterator[TestClient]:
 CODE = "[a-z]+(_[a-z]+)*"
 
 
-def assert_problem(response: Any, status: int, *words: str) -> dict[str, Any]:
-    """The problem document of a response, which must be complete and mention the words."""
+def assert_problem(response: Any, status: int, *words: str, code: str = "") -> dict[str, Any]:
+    """Return the problem document of a response, which must be complete, have this code, and mention the words."""
     assert response.status_code == status, response.text
     assert response.headers["content-type"] == "application/problem+json"
     problem: dict[str, Any] = response.json()
     assert problem["status"] == status
     assert problem["type"] == "about:blank"
     assert problem["title"]
-    assert re.fullmatch(CODE, problem["code"]), problem
+    assert problem["code"] == code if code else re.fullmatch(CODE, problem["code"]), problem
     assert len(problem["detail"]) > 10
     text = problem["detail"] + " ".join(item["field"] + item["message"] for item in problem["errors"])
     for word in words:

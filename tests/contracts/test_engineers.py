@@ -24,7 +24,7 @@ ROUGH = 0.1  # of what a sample finds, where the document says "about"
 
 
 def promised(block: str) -> list[str]:
-    """What the comments behind or below prints say."""
+    """Return the output that comments behind or below prints promise."""
     return re.findall(r"(?:^ +# |print\(.*\)  # )(.*)$", block, re.MULTILINE)
 
 
@@ -69,7 +69,7 @@ def test_every_line_is_executed_and_prints_what_it_says(tmp_path: Path, monkeypa
 
 
 def run(block: str, variables: dict[str, str]) -> str:
-    """What the last of these lines prints; each is NAME="VALUE" or a command of ours, as a shell would read it."""
+    """Return the output of the last of these lines; each is NAME="VALUE" or a command, as a shell reads it."""
     printed = ""
     for line in block.splitlines():
         words = shlex.split(Template(line).substitute(variables))

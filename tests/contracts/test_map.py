@@ -160,19 +160,19 @@ with guarded:
 
 
 def test_no_module_is_imported_in_a_circle() -> None:
-    """Also not for its types, or inside a function."""
+    """Imports for types and inside functions count, too."""
     graph = grimp.build_graph("rattle", "gear_rattle", cache_dir=None)
     TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in graph.modules}).prepare()
 
 
 def test_models_compile_nothing_of_their_own() -> None:
-    """So that kernels need not be compiled anew where a model is added: `COMPILE_NOTHING`."""
+    """Adding a model must not make kernels compile anew: `COMPILE_NOTHING`."""
     kernels = re.compile(r"numerics\.compile import|numba")
     assert not [path for path in (ROOT / "rattle" / "models").rglob("*.py") if kernels.search(path.read_text())]
 
 
 def test_nobody_asks_which_gear_it_is() -> None:
-    """What differs is a method, or a capability that the model names."""
+    """Differences between gears are methods, or capabilities that the model names."""
     kinds = "Gear|StiffGear|Impacting|Stiff|Itinerary|StiffItinerary"
     asks = re.compile(rf"isinstance\([^()]*\b({kinds})\b")
     own = {"rattle/models", "rattle/impacting", "rattle/stiff"}
@@ -240,7 +240,7 @@ def followed(what: str, name: str, root: Path) -> None:
 
 
 def is_free(what: str, name: str) -> bool:
-    """Whether nobody has followed the recipe here under this name."""
+    """Return whether nobody has followed the recipe here under this name."""
     step = steps_of(what, name)[0]
     return not (ROOT / step["new"]).exists() if step["new"] else step["code"] not in (ROOT / step["at"]).read_text()
 

@@ -1,4 +1,4 @@
-"""What makes this a release: its documents, and the command where only the library is installed."""
+"""The documents of a release, and the command where only the library is installed."""
 
 import ast
 import pickle

@@ -12,8 +12,8 @@ DOCS = ROOT / "docs"
 GLOSSARY = (DOCS / "glossary.md").read_text()
 OWN_TERMS = 20
 DECISION_LINES = 40
-#: `rattle paper` writes the first; the others describe code by the names that it has today.
-WITHOUT_RULES = {"paper.md", "map.md", "kernel.md"}
+#: `rattle paper` writes the first; the second describes code by the names that it has today.
+WITHOUT_RULES = {"paper.md", "kernel.md"}
 #: Words of an older vocabulary, and the term that replaced each.
 REPLACED = {
     r"witness(es)?": "probe",

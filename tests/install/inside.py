@@ -1,8 +1,8 @@
-"""What somebody does who has installed the service: open the page, submit a survey, read its store; and `rattle run`.
+"""Use an installed service: open the page, submit a survey, read its store; and `rattle run`.
 
-All beside packages of other people that have the names of ours in the checkout.
+Packages of other projects with the same names as ours in the checkout are installed beside it.
 
-Runs in the environment that is checked, in an empty directory, with the path of the checkout, which must be far away.
+Runs in the tested environment, in an empty directory, with the path of the checkout, which must not be imported.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def command_is_right() -> None:
 
 
 def notebook_is_right() -> None:
-    """What a notebook does: a survey by one call, where an event loop runs already, and results as tables."""
+    """Compute a survey as a notebook does, where an event loop runs already, and read results as tables."""
 
     async def cell() -> xr.Dataset:
         return run_survey(

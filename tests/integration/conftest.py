@@ -1,4 +1,4 @@
-"""What a survey must hold, and processes that are a module's own."""
+"""The expected values of a survey, and processes that belong to one module."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -61,7 +61,7 @@ def connected(port: int, sent: bytes = b"") -> Iterator[socket.socket]:
 
 
 def read_all(connection: socket.socket) -> bytes:
-    """What the service sends until it closes."""
+    """Return everything that the service sends until it closes."""
     parts = []
     try:
         while part := connection.recv(2**16):
@@ -90,7 +90,7 @@ def answer(port: int, sent: bytes) -> tuple[int, str]:
 
 
 def is_alive(port: int) -> bool:
-    """Whether the service answers; not while it has too many connections."""
+    """Return whether the service answers; it does not while it has too many connections."""
     try:
         return get(f"http://127.0.0.1:{port}/v1/health").status_code == 200
     except httpx.TransportError:

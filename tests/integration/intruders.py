@@ -1,4 +1,4 @@
-"""What a local account can try on a port, and dask's settings that let `connect` into an embedded cluster."""
+"""Attempts of a local account on a port, and dask's settings that let `connect` into an embedded cluster."""
 
 import asyncio
 import os
@@ -54,7 +54,7 @@ def named_sockets(pid: int) -> list[str]:
 
 
 def is_private(directory: Path) -> bool:
-    """Whether no other account may enter it."""
+    """Return whether no other account may enter a directory."""
     there = directory.stat()
     return there.st_uid == os.getuid() and stat.S_IMODE(there.st_mode) == 0o700
 
@@ -70,7 +70,7 @@ def refusal(port: int) -> str:
 
 
 def execute(where: str) -> None:
-    """What an intruder wants to be executed."""
+    """Stand for a program that an intruder wants to execute."""
     with Path(where).open("a") as file:
         file.write(f"{os.getpid()}\n")
 

@@ -1,4 +1,4 @@
-"""What protects from each fault of docs/reliability.md, how it is taken out, and a test that must fail without it.
+"""Protections against the faults of docs/reliability.md: how to take each out, and the test that must then fail.
 
 `protections.py` takes them out, one after the other.
 """
@@ -40,7 +40,7 @@ class Edit:
 
 @dataclass(frozen=True)
 class Protection:
-    """What is taken out, and the test that fails then."""
+    """A protection as edits that take it out, and the test that must then fail."""
 
     name: str
     test: str
@@ -182,7 +182,7 @@ PROTECTIONS = (
         "a cell that raises fails alone",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/survey/tiles.py",
-        "        except Exception:  # whatever the model raises is that cell's result\n",
+        "        except Exception:  # an error of the model is the result of that cell\n",
         "        except MemoryError:\n",
     ),
     _one(
@@ -208,7 +208,7 @@ PROTECTIONS = (
                 "except (ClusterLostError, CommClosedError, SQLAlchemyError,",
                 "except (SQLAlchemyError,",
             ),
-            Edit("service/jobs/manager.py", 'if client.status != "running":  # whatever', "if False:  # whatever"),
+            Edit("service/jobs/manager.py", 'if client.status != "running":  # a lost', "if False:  # a lost"),
         ),
     ),
     Protection(
@@ -239,7 +239,7 @@ PROTECTIONS = (
     _one(
         "an interrupted survey is taken up again",
         f"{SERVICE}::test_killed_at_every_instant",
-        "service/database/surveys.py",
+        "service/database/survey_rows.py",
         "left).where(IS_ACTIVE).order_by",
         "left).where(JobRow.state == State.ACCEPTED).order_by",
     ),
@@ -373,7 +373,7 @@ PROTECTIONS = (
         "a deletion is noted before it begins",
         "tests/contracts/service/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
         "service/jobs/manager.py",
-        "            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole\n",
+        "            self._database.begin_deletion(survey_id)  # a crash must not leave a seemingly whole survey\n",
         "",
     ),
     _one(

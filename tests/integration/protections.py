@@ -45,7 +45,7 @@ def _environment(copy: Path) -> dict[str, str]:
 
 
 def try_out(protection: Protection, copy: Path) -> bool:
-    """Whether the test fails without the protection; prints how. One that hangs must end in that time with it."""
+    """Return whether the test fails without the protection, and print how; with it, a hanging test must end in time."""
     whole = {edit.file: (copy / edit.file).read_text() for edit in protection.edits}
     began = time.monotonic()
     try:

@@ -128,7 +128,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
 
 
 def written_in(store: Path) -> dict[str, bytes]:
-    """What tiles have written in a directory."""
+    """Return the files that tiles have written in a directory."""
     return {str(path.relative_to(store)): path.read_bytes() for path in store.rglob("c/**/*") if path.is_file()}
 
 

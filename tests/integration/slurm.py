@@ -75,7 +75,7 @@ class Slurm:
         return sent.stdout.strip()
 
     def job(self, number: str) -> dict[str, str]:
-        """What SLURM knows of a job; nothing if it has forgotten it."""
+        """Return SLURM's description of a job; nothing if it has forgotten the job."""
         said = self.command("scontrol", "show", "job", number).stdout.split()
         return dict(pair.split("=", 1) for pair in said if "=" in pair)
 

@@ -70,7 +70,7 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
 def test_a_server_that_fails_in_five_of_a_hundred_requests_and_restarts(
     s3: S3, expected: dict[str, np.ndarray], tmp_path: Path
 ) -> None:
-    """And it is asked for nothing that the documents do not name."""
+    """The service sends no request that the documents do not name."""
     faults, url, target = Faults(tmp_path), f"s3://{BUCKET}/restarts/survey.zarr", f"s3://{BUCKET}/restarts/copy.zarr"
     place, settings = Bucket(url), faults.environment | s3.settings
     faults.hold(MIDDLE)

@@ -52,7 +52,7 @@ def s3(storage: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
 
 @pytest.fixture(autouse=True)
 def _few_objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 216 objects of a template 190 are of curves: one test looks at them."""
+    """Leave out the curves, 190 of 216 objects of a template, except in the test that checks them."""
     if request.function is not test_bytes_are_those_on_disk:
         monkeypatch.setattr("gear_rattle.workers.survey.template._write_curves", lambda *_: None)
 
@@ -87,7 +87,7 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
 
 @deep
 def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And nothing of what is kept meanwhile is left."""
+    """No temporary file of the join is left."""
     monkeypatch.setattr("gear_rattle.workers.families.join._curves", lambda *_: {})
     monkeypatch.setattr("gear_rattle.workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
     groups = {"quantities": ("attractors", "lyapunov", "families"), "initial_conditions": {"count": 4}}
@@ -235,7 +235,7 @@ def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest
     monkeypatch.setattr(gear_rattle.workers.storage.bucket, "RETRIES", 0)
     impatient = Bucket(url)
     s3.fail(100)
-    with pytest.raises(StorageError, match="goes on"):
+    with pytest.raises(StorageError):
         examine(impatient)
     s3.fail(0)
     assert examine(impatient).whole

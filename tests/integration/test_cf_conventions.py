@@ -27,7 +27,7 @@ def file_of(store: Path, out: Path) -> Path:
 
 
 def complaints(*files: Path) -> list[list[str]]:
-    """What the checker has to say of each file."""
+    """Return the checker's complaints about each file."""
     out = files[0].with_name("report.json")
     checks = ["--test=cf:1.11", "--criteria=strict", "--format=json_new", f"--output={out}"]
     done = subprocess.run(
@@ -58,7 +58,7 @@ def third(tmp_path: Path) -> Path:
 
 
 def by_their_owners(store: Path) -> list[Path]:
-    """What people write by `to_netcdf` of an open survey: as it is stored, and a part of it in other chunks."""
+    """Write files as users do with `to_netcdf` of an open survey: as it is stored, and a part in other chunks."""
     files = [store.with_name(f"{store.stem}-{how}.nc") for how in ("stored", "split")]
     with open_survey(store, as_stored=True) as survey:
         survey.to_netcdf(files[0], engine="h5netcdf")

@@ -44,7 +44,7 @@ def cluster(shared: Path) -> Iterator[Client]:
 
 @pytest.fixture(scope="module")
 def addresses(cluster: Client) -> list[str]:
-    """Of the scheduler, the workers and their nannies."""
+    """Return the addresses of the scheduler, the workers and their nannies."""
     found = [
         cluster.scheduler.address,
         *cluster.nthreads(),

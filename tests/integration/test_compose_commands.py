@@ -70,7 +70,7 @@ def test_the_proxy_cuts_off_slow_clients_and_passes_on_what_the_front_says(tmp_p
 
 
 def is_reached(client: Client) -> bool:
-    """Whether the proxy listens, and reaches the front."""
+    """Return whether the proxy listens, and reaches the front end."""
     try:
         return bool(client.call("GET", "/v1/health").json())
     except (ServiceError, httpx.TransportError):

@@ -242,7 +242,7 @@ def deleted(job: Any) -> bool:
 
 
 def test_a_survey_that_is_being_prepared_can_be_dismissed(service: tuple[Client, int], faults: Faults) -> None:
-    """Its curves took minutes in the thread that manages all surveys; nothing is computed there."""
+    """An earlier version traced its curves for minutes in the thread that manages all surveys."""
     client, pid = service
     job = client.submit(REQUEST.model_copy(update={"name": ENDLESS}), force=True)
     wait_until(lambda: faults.notes("tracing"))

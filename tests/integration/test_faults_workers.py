@@ -184,7 +184,7 @@ def pids(client: Client) -> list[int]:
 
 
 def replaced(client: Client, *old: int) -> bool:
-    """Whether two others are at work instead of these."""
+    """Return whether two other workers have replaced these."""
     return len(client.nthreads()) == 2 == len(pids(client)) and not {*old} & {*pids(client)}
 
 
@@ -241,7 +241,7 @@ def test_a_frozen_worker_is_replaced(
 def test_a_tile_of_a_frozen_worker_is_repeated_elsewhere(
     faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on an existing cluster, whose scheduler waits for minutes."""
+    """The scheduler waits for minutes, as that of an existing cluster does."""
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", 0.1)
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     victim = pids(client)[0]
@@ -260,7 +260,7 @@ def test_a_tile_of_a_frozen_worker_is_repeated_elsewhere(
 def test_a_result_that_a_frozen_worker_holds_is_not_waited_for(
     faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It freezes when it is asked for the result: the tile is repeated, as are others that it is given."""
+    """The worker freezes when its result is requested: the tile is repeated, and so are later tiles sent to it."""
     monkeypatch.setattr(
         gear_rattle.workers.cluster.submission, "LATE_SECONDS", 10 * POLL_SECONDS
     )  # asked for many times till then
@@ -276,13 +276,13 @@ def test_a_result_that_a_frozen_worker_holds_is_not_waited_for(
 
 
 def snapshot(path: Path) -> dict[str, bytes]:
-    """What is written, and not what is being written, by the frozen one or by another one at the same tile."""
+    """Return finished files, without those that the frozen worker or another one at the same tile is writing."""
     written = (file for file in path.rglob("*") if ".partial" not in file.name and file.is_file())
     return {str(file.relative_to(path)): file.read_bytes() for file in written}
 
 
 def test_curves_whose_processes_are_killed_are_traced_again(faults: Faults, client: Client) -> None:
-    """As when the survey before was dismissed, and its processes were given the curves of this one as they ended."""
+    """The processes of a dismissed survey may be given the curves of the next one as they end."""
     request = REQUEST.model_copy(update={"seed": 102})
     assert template_on(client, request, CREATED, lambda: False) == template_of(request, CREATED)
     assert faults.notes("curves").total() == 3
@@ -293,7 +293,7 @@ def test_curves_that_kill_their_processes_fail_the_survey(
     faults: Faults, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gear_rattle.workers.cluster.runner, "ATTEMPTS", 1)
-    with pytest.raises(SurveyError, match="the curves of the survey killed the process"):
+    with pytest.raises(SurveyError, match="the process that traces the survey's curves was killed"):
         template_on(client, REQUEST.model_copy(update={"seed": 10**6}), None, lambda: False)
     assert faults.notes("curves").total() == 2
     wait_until(lambda: len(client.nthreads()) == 2)
@@ -351,7 +351,7 @@ def test_unwanted_tiles_end_at_once(faults: Faults, client: Client, store: Path)
 def test_a_cell_that_never_ends_is_the_only_one_lost(
     faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its tile is taken from the worker and computed apart, where each cell has its limit of processor time."""
+    """Its tile is taken from the worker and computed apart, where each cell has a limit of processor time."""
     path = tmp_path / "endless.zarr"
     create_store(ENDLESS, path)
     records: list[TileRecord] = []

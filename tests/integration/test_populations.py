@@ -26,7 +26,7 @@ REQUEST = PopulationRequest.model_validate(FIELDS)
 
 
 def chunks(path: Path) -> dict[str, bytes]:
-    """What tiles have written."""
+    """Return the files that tiles have written."""
     files = (each for each in path.rglob("*") if "c" in each.parts and each.is_file())
     return {str(each.relative_to(path)): each.read_bytes() for each in files}
 

@@ -256,7 +256,7 @@ def test_a_client_waits_through_a_restart_behind_the_proxy(proxied: Proxied, fro
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_service_with_a_root_path_needs_no_header(tmp_path: Path, place: str) -> None:
-    """Whether the proxy removes the path from requests or not."""
+    """The proxy may remove the path from requests or not."""
     if PROGRAMS["nginx"] is None:
         pytest.skip("nginx is not installed (apt-get install nginx)")
     removing = {r"proxy_pass http://127\.0\.0\.1:(\d+);(?=\s+\}\s+\}\s+\}\s*\Z)": r"proxy_pass http://127.0.0.1:\1/;"}

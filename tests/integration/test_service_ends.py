@@ -45,7 +45,7 @@ def stop(process: Any) -> None:
 
 
 def is_dead(process: psutil.Process) -> bool:
-    """Whether a process is gone, or would be if somebody were there to bury it."""
+    """Return whether a process is gone, or is a zombie."""
     try:
         return bool(process.status() == psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
@@ -53,7 +53,7 @@ def is_dead(process: psutil.Process) -> bool:
 
 
 def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
-    """Without its deadline: requests, streams, points and surveys are ended, not waited for."""
+    """It ends before its deadline: requests, streams, points and surveys are ended, not waited for."""
     faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
     faults.inject(NO_DEADLINE, ENDLESS)
     faults.hold(MIDDLE)
@@ -131,7 +131,7 @@ WAIT_FOR_SIGNAL = """
 
 
 def semaphores(pid: int) -> set[Path]:
-    """Those that a process and what it has started have open."""
+    """Return the semaphores that a process and its descendants have open."""
     process = psutil.Process(pid)
     found: set[Path] = set()
     for each in (process, *process.children(recursive=True)):
@@ -147,7 +147,7 @@ def of_all_workers(pid: int) -> set[Path]:
 
 @pytest.mark.parametrize("stage", [pytest.param(stage, marks=() if stage in USUAL else deep) for stage in STAGES])
 def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path, short_path: Path, stage: str) -> None:
-    """Without its deadline, at any stage: a cluster is not waited for that has only begun."""
+    """It ends before its deadline, at any stage: it does not wait for a cluster that is starting."""
     faults, log = Faults(tmp_path), tmp_path / "log"
     faults.inject(NO_DEADLINE, WAIT_FOR_SIGNAL, STAGES[stage])
     settings = faults.environment | {"TMPDIR": str(short_path)}

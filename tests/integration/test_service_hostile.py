@@ -107,7 +107,7 @@ def test_an_absolute_target_is_no_way_around(port: int, store: str, token: str) 
     ],
 )
 def test_huge_headers_are_refused(port: int, token: str, lines: list[str], status: int) -> None:
-    """By the application, or with 400 by the server, which keeps no more of what is incomplete."""
+    """The application refuses them, or the server with 400, which keeps no more of an incomplete request."""
     assert answer(port, head(token, "GET", "/v1/surveys", *lines))[0] in {status, 200 if status == 200 else 400}
 
 

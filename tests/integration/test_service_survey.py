@@ -63,7 +63,7 @@ def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
 
 @pytest.fixture(scope="module")
 def settings(request: pytest.FixtureRequest, faults: Faults) -> dict[str, str]:
-    """With the jobs on PostgreSQL, where it is installed."""
+    """Return settings with the jobs on PostgreSQL, if it is installed."""
     url = {} if server_of_tests.missing() else {"RATTLE_DATABASE_URL": request.getfixturevalue("postgres").create()}
     return faults.environment | url
 

@@ -41,7 +41,7 @@ sys.stdout.write(urllib.request.urlopen(sys.argv[1], timeout=float(sys.argv[2]))
 
 @dataclass(frozen=True)
 class Hosts:
-    """What runs a command on either of them."""
+    """Prefixes of commands that run them on either of two hosts."""
 
     here: list[str]
     there: list[str]

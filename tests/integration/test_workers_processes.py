@@ -212,7 +212,7 @@ def test_the_command_imports_nothing_from_the_working_directory(tmp_path: Path, 
 
 
 def test_a_service_imports_nothing_from_the_working_directory(tmp_path: Path, poisoned: Path) -> None:
-    """Its workers, and the processes that compute points."""
+    """Its workers and the processes that compute points do not import from there either."""
     import httpx
 
     command = [COMMAND, "serve", "--port", "0", "--workers", "1", "--data", str(tmp_path / "data")]

@@ -18,7 +18,7 @@ words = st.from_regex(r"[a-z][a-z_0-9]{0,20}", fullmatch=True)
 
 
 def is_machine(entered: Entered) -> bool:
-    """Whether these numbers make a machine; an address forgets what does not."""
+    """Return whether these numbers make a machine; an address forgets others."""
     try:
         return entered.machine.gear is not None
     except rattle.RattleError:

@@ -1,4 +1,4 @@
-"""What must hold for the attractors of any parameter point."""
+"""Properties of the attractors of any parameter point."""
 
 import numpy as np
 import pytest

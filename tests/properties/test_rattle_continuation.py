@@ -50,7 +50,7 @@ def branches():
 
 
 def flights_agree(orbit, tolerance=1e-9):
-    """Whether every flight and impact, recomputed one by one, is the motion's; near a graze only half the digits."""
+    """Return whether every flight and impact, recomputed, is the motion's; near a graze only to half the digits."""
     gear, ends = rattle.Gear(orbit.delta, orbit.epsilon, orbit.beta), [*orbit.times, orbit.times[0] + orbit.m]
     slowest = max(min(1.0, orbit.speeds.min()), 1e-6)
     for i, wall in enumerate(orbit.walls):
@@ -97,7 +97,7 @@ def test_branches_are_connected_and_inside():
 
 
 def test_no_branch_jumps_to_a_neighbour():
-    """Where a multiplier passes 1 the parameter turns, so the sign of det J(1) changes with that of its rate."""
+    """The parameter turns where a multiplier passes 1, so the sign of det J(1) changes with that of its rate."""
     for found in branches():
         traces, decay = found.multipliers.sum(axis=0).real, np.exp(-found.delta * found.itinerary.m)
         for name, value in (("SN", traces - 1 - decay), ("PD", traces + 1 + decay)):

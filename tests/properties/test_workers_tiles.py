@@ -1,4 +1,4 @@
-"""What a cell holds depends on the request and the cell alone: not on tiles, their order, or its neighbours."""
+"""The contents of a cell depend on the request and the cell alone: not on tiles, their order, or its neighbours."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,6 @@
-"""Which versions of which libraries read a survey, each in an environment of its own: the table in other-languages.md.
+"""Find the versions of libraries that read a survey, each in its own environment: the table in other-languages.md.
 
-``make readers-table`` writes it. Takes a network once, and uv.
+``make readers-table`` writes it. It needs a network once, and uv.
 """
 
 from __future__ import annotations

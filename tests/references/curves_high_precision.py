@@ -48,7 +48,7 @@ class Cycle:
         return force(t, self.delta, self.epsilon)
 
     def closure(self):
-        """What the flights miss: place and velocity at every impact."""
+        """Return the errors of the flights: position and velocity at every impact."""
         missed = []
         for i, (_, t0, _, wall, t1, w1) in enumerate(self.legs()):
             flight = self.flight(i)
@@ -77,7 +77,7 @@ class Cycle:
         return mp.det(matrix)
 
     def multipliers(self):
-        """Both, the larger modulus first. Their product, exp(−δ), is checked: nothing above knows it."""
+        """Return both multipliers, the larger modulus first, after checking that their product is exp(−δ)."""
         constant, one, minus = (self.characteristic(mpf(x)) for x in (0, 1, -1))
         square, linear = (one + minus) / 2 - constant, (one - minus) / 2
         if abs(constant - square * mp.exp(-self.delta)) > RESIDUAL * max(1, abs(constant)):
@@ -123,7 +123,7 @@ class Point(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What defines a curve: impacts per period, the multiplier that an orbit has, whether its flight grazes Σ⁻."""
+    """Definition of a curve: impacts per period, the orbit's multiplier, and whether its flight grazes Σ⁻."""
 
     impacts: int
     multiplier: int | None = None
@@ -228,7 +228,7 @@ def neighbour(cycle, epsilon=None, phase=None):
 
 
 def is_birth(cycle):
-    """Whether the orbits beside a fold are at higher ε."""
+    """Return whether the orbits beside a fold are at higher ε."""
     return all(neighbour(cycle, phase=cycle.times[0] + h).epsilon > cycle.epsilon for h in (STEP, -STEP))
 
 

@@ -1,4 +1,4 @@
-"""Where states beside a manifold end, for either model."""
+"""Find where states beside a manifold end, for either model."""
 
 import numpy as np
 

@@ -24,7 +24,7 @@ class Motion(exact.Cycle):
             yield self.walls[i], self.times[i], self.velocities[i], self.walls[j], end, -self.velocities[j]
 
     def multipliers(self):
-        """Both, the larger modulus first; their product e^(−δm) is checked, which nothing else here knows."""
+        """Return both multipliers, the larger modulus first, after checking that their product is e^(−δm)."""
         constant, one, minus = (self.characteristic(mpf(x)) for x in (0, 1, -1))
         square, linear = (one + minus) / 2 - constant, (one - minus) / 2
         if abs(constant / square - mp.exp(-self.delta * self.m)) > mpf(10) ** -25:

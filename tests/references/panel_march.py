@@ -55,7 +55,7 @@ def after(s, theta, w, a, sin0, cos0, delta, epsilon):
 
 @compiled
 def bisected(lo, hi, order, level, rising, theta, w, a, sin0, cos0, delta, epsilon):
-    """Where F (order 0) or F' (order 1) crosses the level in (lo, hi), where it is monotone: secant, else bisection."""
+    """Return the point of (lo, hi) where F (order 0) or F' (order 1), monotone there, crosses the level."""
     for _ in range(200):
         f = after(lo, theta, w, a, sin0, cos0, delta, epsilon)[order] - level
         g = after(hi, theta, w, a, sin0, cos0, delta, epsilon)[order] - level

@@ -44,7 +44,7 @@ EDGES = {"small": SMALL, "large": LARGE, "limit": LARGE, "plane": LARGE, "stiff"
 
 
 class Cell(NamedTuple):
-    """What became of the samples of one cell, and what it cost."""
+    """Result and cost of the samples of one cell."""
 
     delta: float
     epsilon: float
@@ -79,7 +79,7 @@ def cells(law, n, seed):
 
 @kernel
 def settled(tau, v, impacts, delta, epsilon, beta, unit, invariant):
-    """Whether a state is at rest or periodic after so many impacts: plain iteration, then a look for a return."""
+    """Return whether a state is at rest or periodic after so many impacts: plain iteration, then a search."""
     for _ in range(impacts):
         status, tau, v, _time, _below = impact(tau, v, delta, epsilon, beta, DRIFT)
         if status != 0:
@@ -116,7 +116,7 @@ def settled_stiff(tau, v, impacts, delta, epsilon, beta, kappa, unit):
 
 
 def settles(tau, v, impacts, point, unit):
-    """Whether a state at a point (δ, ε, β, κ) settles."""
+    """Return whether a state at a point (δ, ε, β, κ) settles."""
     if np.isfinite(point[3]):
         return settled_stiff(tau, v, impacts, *point, unit)
     return settled(tau, v, impacts, *point[:3], unit, capture_invariant(*point[:3]))

@@ -59,7 +59,7 @@ def solved(tau, v, k, point):
 
 @kernel
 def met(n_plus, n_minus, tau, v, orbits, n):
-    """Whether these rows hold the orbit."""
+    """Return whether these rows have the orbit."""
     for i in range(n):
         label = orbits[i, 0] == n_plus and orbits[i, 1] == n_minus
         if label and abs(wrapped(orbits[i, 2] - tau)) < SAME and abs(orbits[i, 3] - v) < SAME * v:
@@ -161,7 +161,7 @@ def existing(name):
 
 
 def summary(name):
-    """What the file says of a plane."""
+    """Return the statistics of a plane in the file."""
     known, points = existing(name)
     stable = [[r for r in rows if abs(r[4]) < 1 + math.exp(-p.delta)] for rows, p in zip(known, points, strict=True)]
     counts = Counter((int(r[0]), int(r[1])) for rows in stable for r in rows)

@@ -13,10 +13,10 @@ from rattle.families import Rectangle
 
 
 class Edges(NamedTuple):
-    """The edges of families: pairs of neighbouring cells of which one has the family.
+    """Edges of families: pairs of neighbouring cells of which exactly one has the family.
 
-    names (c,): of the curves. number (families,): of such pairs. on (families, c): those between which a curve passes
-    that makes or ends motions of this label.
+    names (c,): the curves. number (families,): such pairs. on (families, c): such pairs with a curve between them that
+    makes or ends motions of the family's label.
     """
 
     names: tuple[str, ...]
@@ -25,9 +25,9 @@ class Edges(NamedTuple):
 
 
 class FamilyEnds(NamedTuple):
-    """The edges of some components (k,) in a part of a grid.
+    """Edges of some components (k,) in a part of a grid.
 
-    Number (k,) of pairs, on (k, curves) of those between which each curve passes.
+    number (k,): pairs. on (k, curves): pairs that each curve passes between.
     """
 
     component: np.ndarray
@@ -40,16 +40,14 @@ def ends_in(
 ) -> FamilyEnds:
     """Return the edges between the cells of a part of a grid and the next ones along δ and ε.
 
-    The grid has so many columns, and its axes rise.
-
-    cell, component (rows,): the attractors of the part and of these next ones, component −1: undecided. A cell without
-    a single attractor was not computed, and one with undecided samples may have what it does not list: pairs with these
-    are left out.
+    The grid has so many columns, and its axes rise. cell, component (rows,): attractors of the part and of the next
+    cells, with component −1 for undecided samples. A cell without any attractor was not computed, and one with
+    undecided samples may have attractors that it does not list: pairs with such cells are left out.
 
     Returns
     -------
     FamilyEnds
-        The edges.
+        One row for each component that the part has.
     """
     width = part.right - part.left + 1
     row, column = np.divmod(cell, columns)
@@ -83,12 +81,12 @@ def ends_in(
 def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
     """Return the edges of the families of a survey from those in its parts.
 
-    Family: of each component, which indexes it.
+    family: the number of each component's family, which indexes the result.
 
     Returns
     -------
     Edges
-        The edges.
+        Numbers of pairs by family, and by family and curve.
     """
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)

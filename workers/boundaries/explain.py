@@ -1,9 +1,9 @@
 """Explain the boundaries of a survey: which bifurcation curve passes between each two neighbours that differ.
 
-The curves of the period-one motions come first. Then, where neighbours differ by a motion that none of them concerns,
-that motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`). The saddle-node,
-flip or graze that it meets is solved for; where several pairs differ by such a motion it becomes one curve more, which
-may explain others.
+The curves of the period-one motions come first. If two neighbours differ by a motion that none of these curves makes or
+ends, that motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`) until it meets
+a saddle-node, flip or graze, which is solved for. Where several pairs differ by such a motion, a curve is traced from
+there, which may explain further pairs.
 """
 
 from collections import Counter
@@ -22,17 +22,17 @@ from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
 
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100
-WORTH_A_CURVE = 4  # pairs that differ by a motion
-LONGEST_TRACED = 16  # impacts of a motion whose curve is traced: many small bounces take seconds and explain little
-COARSE = 30  # points of such a curve across the survey: crossings are solved for
+WORTH_A_CURVE = 4  # a curve is traced for a motion by which at least so many pairs differ
+LONGEST_TRACED = 16  # the most impacts of a motion whose curve is traced: longer ones take seconds and explain little
+COARSE = 30  # points of such a curve across the survey are enough: its crossings of grid lines are solved for
 ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
 class KnownCurve:
-    """Curve with the attractors that it may make or end, and the pairs that it crosses (n,).
+    """A curve, the attractors that it may make or end, and the pairs (n,) that it passes between.
 
-    Also whether it bounds regions, and how many of these pairs differ in such a way.
+    bounds_regions: whether it divides regions. explains: how many of these pairs differ by what it makes or ends.
     """
 
     curve: Curve
@@ -44,7 +44,7 @@ class KnownCurve:
 
 @dataclass(frozen=True)
 class Rest:
-    """Pairs that no curve explains: what changes, why none does, how many pairs, and one of them, two (δ, ε)."""
+    """Pairs without an explaining curve: their change, the reason, their number, and one of them as two (δ, ε)."""
 
     change: str
     why: str
@@ -54,12 +54,12 @@ class Rest:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Explanation of a survey: its pairs that differ, the curves by falling number of pairs, and the rest.
+    """Explanation of a survey: its pairs that differ, the curves by falling number of pairs, and unexplained pairs.
 
     region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
-    that changes there passes between. sampling (n,): the attractors that differ are in both cells, as their families
-    tell, and samples missed them: there is nothing to explain. crossed (n,): some curve passes between. met: at so many
-    of these pairs only the point of the curve between the two cells was computed.
+    that changes there passes between. sampling (n,): by their families both cells have the differing attractors, which
+    samples missed in one cell: there is nothing to explain. met: number of pairs where only the point of the curve
+    between the two cells was computed. crossed (n,): some curve passes between.
     """
 
     pairs: Pairs
@@ -75,19 +75,17 @@ class Explanation:
 def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None) -> Explanation:
     """Explain the boundaries between the cells of an open survey, finished or not.
 
-    Raises SurveyError.
-
     Parameters
     ----------
     most_curves : int
-        How many curves of other than period-one motions may be computed.
+        The most curves of motions of higher period that may be computed.
     families : xr.Dataset | None
-        Its group of that name, if it has one.
+        The group `families` of the survey, if it has one.
 
     Returns
     -------
     Explanation
-        The explanation.
+        Curves by falling number of pairs that they explain, and the pairs that none explains.
 
     Raises
     ------
@@ -142,7 +140,7 @@ class _Search:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves until every pair has one or a reason to have none: (pair, reason)."""
+        """Compute curves until every pair has one or a reason to have none; yield (pair, reason)."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.covers_region()[n]:
                 for orbit, target in self._period_one_changes(n):
@@ -168,14 +166,14 @@ class _Search:
         return self.pairs.region & np.any(bounds, axis=0)
 
     def uncovered(self, n: int) -> list[Label]:
-        """Return the attractors that change between a pair and that no curve there concerns.
+        """Return the labels of attractors that change between a pair without a curve for them.
 
         Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
 
         Returns
         -------
         list[Label]
-            The labels.
+            Empty if curves explain all changes.
         """
         changed = self.changes[n]
         here = [item.labels for item in self.known if item.crosses[n]] + [self.met.get(n, frozenset())]
@@ -188,7 +186,7 @@ class _Search:
         if label == QUIET_LABEL:
             return "quiet is below its limit on both sides: its share is small" if self._quiet(n) else "quiet limit"
         if label[0] == CHAOTIC:
-            return "chaos begins or ends by itself: a crisis, or a transient that outlives the watch"
+            return "chaos begins or ends by itself: a crisis, or a transient longer than the observation time"
         here, there, attractor = self._side(n, label)
         try:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
@@ -230,7 +228,7 @@ class _Search:
     def _follow(
         self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], worth: bool
     ) -> PeriodicOrbit | Event | None:
-        """Follow a motion from one cell of a pair to the other; what it meets becomes a curve if that is worth it."""
+        """Follow a motion from one cell of a pair to the other, and trace the curve that it meets if `worth`."""
         found = fate(orbit, *target)
         if isinstance(found, Event):
             self.met[n] = self.met.get(n, frozenset()) | _labels_at(found)
@@ -249,7 +247,7 @@ def _labels_at(event: Event) -> frozenset[Label]:
 
 
 def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
-    """Return the labels of which two cells have different numbers, not because samples missed a motion."""
+    """Return the labels that two cells have in different numbers, unless samples merely missed a motion."""
     if not pairs.attractors[n]:
         return []
     cells = pairs.first[n], pairs.second[n]
@@ -260,7 +258,7 @@ def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
 
 
 def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:
-    """Return the pairs without explanation, alike ones together, by falling number."""
+    """Return the unexplained pairs, grouped by change and reason, largest group first."""
     groups: dict[tuple[str, str], list[int]] = {}
     pairs, grid = search.pairs, search.grid
     for n in map(int, np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors))):

@@ -10,12 +10,12 @@ QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 def labels_on_curve(name: str) -> frozenset[Label]:
     """Return the attractors that a period-one curve makes or ends.
 
-    The stiff gear's curves have the names of their limits.
+    Curves of the stiff gear have the names of their limits.
 
     Returns
     -------
     frozenset[Label]
-        The labels.
+        Each with kind, m, n₊ and n₋.
     """
     if name == curves.QUIET_LIMIT:
         return frozenset({QUIET_LABEL})
@@ -24,7 +24,7 @@ def labels_on_curve(name: str) -> frozenset[Label]:
 
 
 def labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """Return the motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
+    """Return the labels of a motion, of the motion without its grazing impact, and of the one doubled by a flip."""
     plus, minus = walls.count(1), walls.count(-1)
     found = {(PERIODIC, m, plus, minus)}
     if impact is not None:

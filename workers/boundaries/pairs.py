@@ -18,9 +18,9 @@ UNDECIDED = KINDS.index("undecided")
 
 @dataclass(frozen=True)
 class Pairs:
-    """The pairs of cells that differ: (i, j), of ε and δ, and the neighbour one to the right or above.
+    """Neighbouring cells that differ: indices (i, j), of ε and δ, of a cell and of the one to the right or above.
 
-    first, second (n, 2): indices (i, j). region, attractors (n,): whether these differ.
+    first, second (n, 2): indices (i, j). region, attractors (n,): whether the two cells differ in these.
     """
 
     first: np.ndarray
@@ -46,9 +46,7 @@ class CellGrid:
     """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
-        """Read what is compared; families: the group of that name.
-
-        Raises SurveyError if the survey has neither regions nor attractors.
+        """Read the variables that are compared; `families` is the survey's group of that name.
 
         Raises
         ------
@@ -71,7 +69,7 @@ class CellGrid:
             self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
         self.families = None if families is None else _Families(dataset, families)
         if "region" not in dataset and self.labels is None:
-            raise SurveyError("nothing to explain: ask for a survey with region or attractors")
+            raise SurveyError("there is nothing to explain: compute a survey with the group region or attractors")
 
     def differing(self) -> Pairs:
         """Return the neighbours that differ, both of them computed."""
@@ -92,18 +90,16 @@ class CellGrid:
         return Pairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
 
     def _undecided(self) -> np.ndarray:
-        """Cells whose set is not known: a sample was left undecided."""
+        """Return the cells (m, n) with an undecided sample, whose set of attractors is not known."""
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
-        """Return the labels of motions that are in one of two cells only, as far as families tell.
-
-        Whether or not a sample went to them.
+        """Return the labels of motions that exist in one of two cells only, whether a sample reached them or not.
 
         Returns
         -------
         frozenset[Label] | None
-            The labels; None without families.
+            Labels of the families in which the cells differ; None without families.
         """
         if self.families is None:
             return None
@@ -131,7 +127,7 @@ class CellGrid:
 
 
 class _Families:
-    """Families of cells: those in their slots, those that entered them, and quiet motion below its limit."""
+    """Families by cell: those in its slots, those whose orbit a neighbour continued into it, and quiet running."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset) -> None:
         self.slots = np.asarray(dataset["attractor_family"])
@@ -151,7 +147,7 @@ class _Families:
 
 
 def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
-    """Return flags of the pairs (n,) that a curve passes between: solved for on the lines of the grid."""
+    """Return flags of the pairs (n,) that a curve passes between, solved for on the lines of the grid."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
     for chosen, fixed in ((~beside, "delta"), (beside, "epsilon")):
@@ -167,6 +163,6 @@ def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
 
 
 def label_name(label: Label) -> str:
-    """Return how an attractor is written."""
+    """Return the written form of a label, such as "P(1,1,0)" or "chaotic"."""
     kind, m, n_plus, n_minus = label
     return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

@@ -1,6 +1,6 @@
-"""dask: submit, repeat, isolate, refine.
+"""Run tiles on dask: submit, repeat, isolate, refine.
 
-`dask worker --preload gear_rattle.cluster` imports what tiles need before the worker's heart has to beat.
+`dask worker --preload gear_rattle.cluster` imports the modules of tiles before a worker must send heartbeats.
 """
 
 from importlib import import_module

@@ -38,18 +38,18 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: dask replaces a worker that has not sent a heartbeat for so long: within twice this time. Kernels let the heart beat
-#: twice a second; on a busy machine everything takes longer, and a slow worker is not a frozen one.
+#: dask replaces a worker that has not sent a heartbeat for so long, within twice this time. Kernels allow two of them a
+#: second; on a busy machine everything takes longer, and a slow worker is not a frozen one.
 SILENT_SECONDS = 60
-#: A tile that has killed two workers goes to a process of its own. It need not be guilty: the cells are tried there.
+#: A tile that was running when two workers died goes to a process of its own, which shows the cells that are the cause.
 ALLOWED_DEATHS = 1
 HEARTBEAT_SECONDS = 1.0
-WATCH_SECONDS = 0.1  # between two looks at the process of the nannies, and whether start-up was cancelled
+WATCH_SECONDS = 0.1  # between two checks of the nannies' process, and of whether start-up was cancelled
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
-ROUNDS = 5  # in which no worker is at a task that was given up: what was sent to one before has arrived
-#: Of what dask notes for those who look into a cluster, which here is nobody: else the last 1000 messages of every
-#: connection are kept, with what is in them, two hours of each processor's load, and all that was ever submitted. To
-#: look at the load twice and at the clock fifty times a second took a seventh of a processor for two workers at rest.
+ROUNDS = 5  # successive rounds in which no worker runs a cancelled task: messages sent before have then arrived
+#: dask keeps diagnostics that nobody reads here: the last 1000 messages of every connection with their contents, two
+#: hours of each processor's load, and all submitted tasks. Measuring the load twice and the clock fifty times a second
+#: took a seventh of a processor for two idle workers.
 LAST = 10
 NOTES = {
     "distributed.admin.low-level-log-length": LAST,
@@ -61,7 +61,7 @@ NOTES = {
 }
 #: dask's HTTP servers, which every local account reaches, have no pages.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-SPANS = "spans"  # notes that are never given up, however old
+SPANS = "spans"  # an extension of dask whose records are never deleted
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Other versions of these do not understand each other, or compute other bits.
@@ -70,27 +70,27 @@ SHOWN = 3  # workers that a message names
 
 
 class WarmKernels(WorkerPlugin):
-    """Load the kernels, compiled first if need be, before the first tile, also on a worker that was restarted."""
+    """Load the kernels before a worker's first tile, compiling them if necessary, also on a restarted worker."""
 
     name = "gear-rattle-kernels"
 
     async def setup(self, worker: Worker) -> None:
-        """Warm the kernels of this process. Its heart does not beat by itself yet, and a first compilation is long."""
+        """Load the kernels in a thread, and send heartbeats meanwhile: a first compilation outlasts dask's patience."""
         warming = asyncio.create_task(asyncio.to_thread(rattle.precompile, preload=True))
         while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
             await worker.heartbeat()
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """End the process: to look for garbage in all its modules took a third of a second."""
+        """Freeze the garbage collector: a collection over all modules took a third of a second at the end."""
         gc.freeze()
 
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Let what is begun here, threads and their processes, never see the Ctrl-C that a terminal sends to all of us.
+    """Protect threads and processes that start in this block from the Ctrl-C that a terminal sends to all of them.
 
-    One that arrives meanwhile reaches the caller afterwards.
+    A Ctrl-C that arrives meanwhile reaches the caller afterwards.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -100,14 +100,14 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 class _Processes:
-    """The process of the nannies, with their workers: started at once, and again should it be killed.
+    """The process of the nannies, with their workers: it is started at once, and again if it is killed.
 
     Parameters
     ----------
     nice
-        How far their priority is below that of others.
+        How far to lower the priority of the processes.
     should_stop
-        Asked several times a second, until `started` is set: whether start-up was cancelled.
+        Called several times a second, until `started` is set: whether start-up was cancelled.
     """
 
     def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, should_stop: Callable[[], bool]) -> None:
@@ -119,7 +119,7 @@ class _Processes:
             "dashboard": False,
             "silence_logs": logging.CRITICAL,
             "extensions": {},  # none but spans
-            "preload": __name__,  # imported before the heart has to beat
+            "preload": __name__,  # imported before the worker must send heartbeats
         }
         start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
@@ -155,9 +155,9 @@ class _Processes:
             self._over.wait(WATCH_SECONDS)
 
     def _run(self) -> None:
-        """Start the process, and return when it has ended or is not wanted any more."""
+        """Start the process, and return when it has ended or must end."""
         command = [sys.executable, "-m", nannies.__name__]
-        # In a session of its own, where Ctrl-C of a terminal does not come. It ends when its stdin ends, as ours does.
+        # In a session of its own, which a terminal's Ctrl-C does not reach. It ends when its stdin closes.
         with subprocess.Popen(command, stdin=subprocess.PIPE, env=_environment(), start_new_session=True) as process:
             assert process.stdin is not None
             try:
@@ -173,7 +173,7 @@ class _Processes:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of workers: the present variables, without warnings of left semaphores."""
+    """Return the environment of workers: the present variables, without warnings of leaked semaphores."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -190,9 +190,9 @@ def embedded_cluster(
     Parameters
     ----------
     n_workers : int
-        Processes.
+        Number of processes.
     nice : int
-        How far their priority is below that of others, up to 19.
+        How far to lower their priority, up to 19.
     should_stop : Callable[[], bool]
         Says whether start-up was cancelled; called several times a second while the processes start.
 
@@ -204,15 +204,15 @@ def embedded_cluster(
     Raises
     ------
     SurveyError
-        No processes are asked for, or they do not start, or shall not.
+        `n_workers` is below 1, the processes do not start, or start-up was cancelled.
     """
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
-        # Until its event loop has ended, which tells of every lost connection with a traceback: dask's own option for
-        # it, `silence_logs`, ends before that.
+        # Its event loop logs every lost connection with a traceback until it ends; dask's own option, `silence_logs`,
+        # is over before that.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
-        # Python looks for modules there first: in dask's own place, which all accounts share, they could be anybody's.
+        # Python looks for modules there first, and dask's default directory is open to all accounts.
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
         stack.enter_context(dask.config.set({**NOTES, **NO_PAGES, "temporary-directory": scratch}))
         try:
@@ -274,7 +274,7 @@ def connect(url: str) -> Iterator[Client]:
             _probe(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two: dask's settings of TLS
+        except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two: wrong settings of TLS in dask
             raise ClusterLostError(
                 f"no dask scheduler with workers answers at {url} ({error}): start them, or correct it"
             ) from error
@@ -321,7 +321,7 @@ def _here(client: Client) -> str:
 
 
 def _versions(of: Mapping[str, Any]) -> dict[str, str | None]:
-    """Return versions by package, of Python the first two numbers."""
+    """Return versions by package; the version of Python is its first two numbers."""
     python = ".".join(str(of["host"]["python"]).split(".")[:2])
     return {"Python": python} | {name: of["packages"].get(name) for name in PACKAGES}
 
@@ -332,7 +332,7 @@ def _named(addresses: list[str]) -> str:
 
 
 def _address_of(url: str) -> str:
-    """Return the address of a scheduler, which may be given as a scheduler file."""
+    """Return the address of a scheduler that is given by its address or by a scheduler file."""
     if not url.endswith(".json"):
         return url
     try:
@@ -344,20 +344,20 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """End workers at once, in the middle of their tasks; those of a nanny only, which starts them again."""
+    """Kill workers in the middle of their tasks; only those with a nanny, which starts them again."""
     if addresses:
-        # One that is frozen does not answer: it computes nothing, and is not waited for.
+        # A frozen worker does not answer. It computes nothing, so nobody waits for it.
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
-        deadline = time.monotonic() + END_SECONDS  # until then, they may be given what comes next
+        deadline = time.monotonic() + END_SECONDS  # until they are gone, dask may send them further tasks
         with suppress(OSError):
             while time.monotonic() < deadline and not client.nthreads().keys().isdisjoint(addresses):
                 time.sleep(LOOK_SECONDS)
 
 
 def end_tasks(client: Client, futures: list[Future]) -> None:
-    """Give up tasks, and end at once the processes that compute nothing else."""
+    """Cancel tasks, and kill the processes that compute nothing else."""
     keys = {future.key for future in futures}
     try:
         processing = client.processing()
@@ -368,10 +368,10 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
 
 
 def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
-    """Give up tasks that must not go on beside others: return once no process computes them.
+    """Cancel tasks, and return once no process computes them.
 
-    One may have begun while it was given up, which the scheduler does not know of; a worker without a nanny brings it
-    to its end.
+    A task may have begun while it was cancelled, without the scheduler's knowledge; a worker without a nanny completes
+    it.
     """
     end_tasks(client, futures)
     quiet, keys = 0, {future.key for future in futures}
@@ -379,7 +379,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
         Thread(target=_ask, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
-        with suppress(Empty):  # one that is frozen does not answer: it computes nothing
+        with suppress(Empty):  # a frozen worker does not answer, and computes nothing
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
         end_processes(client, at_work)
         quiet = 0 if at_work else quiet + 1
@@ -401,7 +401,7 @@ async def _end_process(dask_worker: Worker) -> None:
 
 
 def _probe(url: str) -> None:
-    """Raise unless something answers at the address: a dask client that never connected hangs when it is dropped."""
+    """Raise an error unless something answers at the address: a dask client that never connected hangs at its end."""
 
     async def knock() -> None:
         answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))

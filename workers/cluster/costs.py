@@ -1,4 +1,4 @@
-"""Costs of the tiles of a run: foreseen by some of their cells, measured as they end, and the time left."""
+"""Costs of the tiles of a run: predicted from some of their cells, measured when they end, and the time left."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from gear_rattle.workers.cluster.partial import PartialTile
 from gear_rattle.workers.kinds import AnyTile
 from gear_rattle.workers.survey.tiles import TileRecord
 
-MANY = 64  # tiles: of fewer, the first ones tell as much as a cell of each
-MEASURED = 256  # tiles of which cells are computed for their cost, at most ...
-FEWEST, EACH = 128, 5  # ... so many cells in all at least, so many of one tile at most
-KEPT = 64  # cells of a tile whose first cell is kept, not computed again with the others
-NEAREST = 5  # measured cells whose mean is expected of a tile: the most expensive of single ones are so by chance
-TRUST = 1.0  # what all that was foreseen counts beside what tiles have taken
-BITS = 20  # of the number of a row or column of tiles
+MANY = 64  # tiles from which cells are measured: with fewer, the first finished tiles say as much
+MEASURED = 256  # the most tiles of which cells are computed for their cost ...
+FEWEST, EACH = 128, 5  # ... the fewest such cells of all tiles, and the most of one tile
+KEPT = 64  # the most cells of a tile whose measured cell is kept; in larger tiles it is computed again with the others
+NEAREST = 5  # measured cells whose mean predicts a tile's cost: a single one may be expensive by chance
+TRUST = 1.0  # weight of the predictions relative to the measured seconds of finished tiles
+BITS = 20  # bits of the number of a row or column of tiles
 
 
 @dataclass
 class Begun:
-    """A run as far as it is: after a pause it goes on with the same object.
+    """State of a run, with which it continues after a pause.
 
-    partial: tiles of which a part is computed, by index. foreseen: seconds of a cell of tiles, by index.
+    partial: partly computed tiles, by index. foreseen: predicted seconds of a cell of a tile, by index.
     """
 
     partial: dict[int, PartialTile] = field(default_factory=dict)
     foreseen: dict[int, float] = field(default_factory=dict)
-    _each: int = 1  # cells that are measured of a tile
-    _expected: dict[int, float] = field(default_factory=dict)  # seconds of each tile that is left ...
+    _each: int = 1  # measured cells of a tile
+    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each tile that is left ...
     _rest: float = 0.0  # ... and of all of them
-    _ended: float = 0.0  # that were expected of the tiles that have ended, and what these took
+    _ended: float = 0.0  # predicted seconds of the finished tiles, and measured ones (_spent)
     _spent: float = 0.0
 
     def to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Return the tiles of a grid with so many columns of which cells are to be computed for their cost."""
+        """Return the tiles, of a grid with so many columns, of which cells are computed to predict the cost."""
         if len(tiles) + len(self.foreseen) < MANY:
             return []
         new = [tile for tile in tiles if tile.index not in self.foreseen]
@@ -45,7 +45,7 @@ class Begun:
         return evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def take_measured(self, tile: AnyTile) -> bool:
-        """Note the cost of a tile of which a cell has been computed; whether more of them have to be."""
+        """Note the cost of a tile after one more of its cells; return whether it needs further cells."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:
@@ -62,9 +62,9 @@ class Begun:
         self._spent += record.seconds
 
     def expect(self, tiles: Sequence[AnyTile], columns: int) -> None:
-        """Expect each of these tiles, all that are left, to cost what was foreseen near it.
+        """Predict the cost of each of these tiles, which are all that are left, from measured tiles near it.
 
-        Without anything foreseen, one second a cell, until what ends tells the pace.
+        Without any measurement a cell counts as one second, until finished tiles show the pace.
         """
         self._expected = {tile.index: float(tile.n_cells) for tile in tiles}
         for index in self.partial.keys() - self._expected.keys():
@@ -83,14 +83,14 @@ class Begun:
         self._rest = math.fsum(self._expected.values())
 
     def in_order(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Sort tiles: those that were begun, then the most expensive ones, of equal ones all over the plane.
+        """Sort tiles: partly computed ones, then the most expensive ones; equally expensive ones spread over the plane.
 
-        A few stay in their order.
+        Few tiles stay in their order.
 
         Returns
         -------
         list[AnyTile]
-            The tiles in order.
+            The same tiles, the first to be computed first.
         """
         if len(tiles) + len(self.foreseen) < MANY:
             return list(tiles)
@@ -99,12 +99,12 @@ class Begun:
         )
 
     def seconds_left(self, threads: int) -> float | None:
-        """Return the seconds until all tiles have ended; None if nothing tells them."""
+        """Return the seconds until all tiles have ended; None if nothing has been measured."""
         trusted = TRUST * (self._ended + self._rest) if self.foreseen else 0.0
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
-        if self.foreseen:  # tiles of which too much was expected begin, so that what they save is not saved again
+        if self.foreseen:  # overestimated tiles begin first, so their savings must not be extrapolated to the others
             pace = max(pace, 1.0)
         lefts, begun = [], 0.0
         for index, part in self.partial.items():
@@ -112,7 +112,7 @@ class Begun:
             begun += seconds
             if done < EACH:
                 lefts.append(max(pace * seconds - part.record.seconds, 0.0))
-            else:  # its own cells tell more
+            else:  # the tile's own cells predict better
                 lefts.append(part.record.seconds / done * (part.done.size - done))
         others = pace * max(self._rest - begun, 0.0)
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
@@ -121,13 +121,13 @@ class Begun:
 def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     """Sort tiles of a grid with so many columns so that the first ones, however many, are spread over the plane.
 
-    Every second row and column comes before the others, of these every second one first, and so on, as in ordered
+    Every second row and column comes before the others, among these every second one first, and so on, as in ordered
     dithering.
 
     Returns
     -------
     list[AnyTile]
-        The tiles in order.
+        The same tiles, reordered.
     """
 
     def rank(tile: AnyTile) -> int:

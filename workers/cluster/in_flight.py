@@ -1,4 +1,4 @@
-"""Tasks that are on a cluster: submitted, awaited as they end, and told apart from a cluster that is gone."""
+"""Tasks on a cluster: submit them, wait for their ends, and tell a failed task from a lost cluster."""
 
 import asyncio
 import concurrent.futures
@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Task(Generic[Work]):
-    """A piece of work on the cluster."""
+    """A submitted task: its future, its work, and the time of its submission."""
 
     future: Future
     work: Work
@@ -35,10 +35,10 @@ class Task(Generic[Work]):
 
 
 class InFlight(ABC, Generic[Work, Result]):
-    """The tasks of one run that are on a cluster. What is submitted next and what is done about a failure differs."""
+    """The submitted tasks of one run. Subclasses decide the order of submission and the response to failures."""
 
     def __init__(self, client: Client, name: str, lost: str) -> None:
-        """Take the name that keys begin with, and what is said when the scheduler is gone."""
+        """Take the prefix of the tasks' keys, and the message for a lost scheduler."""
         self._client, self._lost = client, lost
         self._loop = cast("IOLoop", client.loop)
         self._name = f"{name}-{uuid4().hex}"  # keys of another run must not be taken for this one's
@@ -49,13 +49,13 @@ class InFlight(ABC, Generic[Work, Result]):
 
     @abstractmethod
     def after_error(self, task: Task[Work], error: BaseException) -> None:
-        """Go on after a task has failed, or raise."""
+        """Respond to a failed task, or raise its error."""
 
     def threads(self, patience: float) -> int:
-        """Return how many threads the cluster has; it may be without workers for so many seconds."""
+        """Return the number of the cluster's threads; raise ClusterLostError after so many seconds without workers."""
         try:
             threads = sum(self._client.nthreads().values())
-        except Exception as error:  # whatever a client says that has been closed meanwhile
+        except Exception as error:  # a client that was closed meanwhile raises errors of several types
             raise self.lost() from error
         now = time.monotonic()
         if threads:
@@ -65,7 +65,7 @@ class InFlight(ABC, Generic[Work, Result]):
         return threads
 
     def put(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
-        """Submit a task, with options of dask's."""
+        """Submit a task, with options of dask's `submit`."""
         self._submitted += 1
         key = f"{self._name}-{self._submitted}"
         try:
@@ -76,13 +76,13 @@ class InFlight(ABC, Generic[Work, Result]):
         future.add_done_callback(partial(self._loop.add_callback, self._bring))
 
     def next_ended(self, seconds: float) -> tuple[Task[Work], Result] | None:
-        """Return the next task that ends and its result; None if none is there in time."""
+        """Return the next finished task and its result; None if none finishes in time."""
         try:
             future, result, error = self._ended.get(timeout=seconds)
         except Empty:
             return None
         task = self.in_flight.get(future.key)
-        if task is None:  # given up meanwhile
+        if task is None:  # it was dropped meanwhile
             return None
         if error is None:
             return task, result
@@ -94,9 +94,9 @@ class InFlight(ABC, Generic[Work, Result]):
         raise error
 
     async def _bring(self, future: Future) -> None:
-        """Wait for a result for as long as its worker keeps it; if that dies, dask computes it again.
+        """Wait for a result for as long as its worker keeps it; if that worker dies, dask computes it again.
 
-        Asked for once: each question waits at a frozen worker and takes one of the few that the client has at a time.
+        It asks for each result once: each request waits at a frozen worker, and the client has few at a time.
         """
         result, error = None, None
         try:
@@ -106,9 +106,9 @@ class InFlight(ABC, Generic[Work, Result]):
         self._ended.put((future, result, error))
 
     def drop(self, belongs: Callable[[Work], bool]) -> None:
-        """Forget tasks: nobody holds them, and the scheduler cancels what has not ended.
+        """Forget tasks. The scheduler then cancels unfinished ones.
 
-        Kept, a dead worker's finished tasks would be computed again.
+        If finished tasks were kept, dask would compute those of a dead worker again.
         """
         for key, task in list(self.in_flight.items()):
             if belongs(task.work):
@@ -116,5 +116,5 @@ class InFlight(ABC, Generic[Work, Result]):
                 task.future.release()
 
     def lost(self) -> ClusterLostError:
-        """Return what is raised when the scheduler is gone."""
+        """Return the error for a lost scheduler."""
         return ClusterLostError(self._lost)

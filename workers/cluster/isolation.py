@@ -1,4 +1,7 @@
-"""A tile that killed its workers, or never ended, cell by cell in a process of its own: only guilty cells are lost."""
+"""Compute a tile that killed its workers, or never ended, cell by cell in a process of its own.
+
+Only the cells that kill the process, or never end, are lost.
+"""
 
 import os
 import pickle
@@ -15,22 +18,22 @@ from gear_rattle.workers.kinds import AnyRequest, AnyTile, cell_outcomes, comput
 from gear_rattle.workers.survey.tiles import CellOutcome, TileArrays, TileRecord
 from rattle.numerics import environment
 
-#: A cell is given up after this many processes that died of it: one death may be somebody else's doing.
+#: A cell fails after so many deaths of its process: a single death may have another cause.
 ATTEMPTS = 2
-#: Processor time of one cell, in seconds: a hundred times what the slowest took that is known to end.
+#: The most processor time of a cell, in seconds: a hundred times that of the slowest cell that is known to end.
 CELL_SECONDS = 600
 _START = f"from {__name__} import serve_cells; serve_cells()"
 
 
 def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
-    """Compute a tile as `compute_tile` does, to the bit, but survive what kills a process.
+    """Compute a tile as `compute_tile` does, to the bit, in a process that may be killed.
 
     A cell that kills it has status 3 and a message that names the signal, like any other cell that fails.
 
     Parameters
     ----------
     memory : int | None
-        Bytes of data that the process may have; a cell that needs more fails.
+        Bytes of data that the process may have; a cell that needs more fails. None for no limit.
 
     Returns
     -------
@@ -68,7 +71,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
 
 
 def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
-    """Outcomes until the process ends; raise what it could not blame on a cell."""
+    """Yield outcomes until the process ends; raise an error that no cell caused."""
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):
@@ -76,7 +79,7 @@ def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
     while True:
         try:
             received = pickle.load(stream)
-        except (EOFError, pickle.UnpicklingError):  # it ended, perhaps in the middle of a word
+        except (EOFError, pickle.UnpicklingError):  # the process ended, perhaps while it wrote
             return
         if isinstance(received, Exception):
             raise received
@@ -90,9 +93,9 @@ def _cause(code: int) -> str:
 def serve_cells() -> None:
     """Evaluate the cells that stdin names, and write each outcome to stdout: the main function of the process."""
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is not an outcome
+    os.dup2(2, 1)  # a library may print: that is not an outcome
     request, tile, first, memory = pickle.load(sys.stdin.buffer)
-    # Nobody wants the outcomes of a dead worker's process. Kernels let this thread run.
+    # End with the worker: its stdin closes, and nobody reads outcomes. Kernels release the GIL, so this thread can run.
     threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()
     if memory:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
@@ -108,7 +111,7 @@ def serve_cells() -> None:
 
 
 def _limit_next_cell() -> None:
-    """Let the system end this process after a cell's processor time: nothing else interrupts a kernel."""
+    """Let the system end this process after the processor time of a cell: nothing else interrupts a kernel."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     limit = int(time.process_time()) + CELL_SECONDS
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))

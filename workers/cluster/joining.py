@@ -1,4 +1,4 @@
-"""On a cluster, the tasks by which a survey is completed: those of its join, of its levels and of its certificates."""
+"""Tasks on a cluster that complete a survey: its join, its levels and its certificates."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -14,24 +14,24 @@ from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
-#: At a task, of two deaths each, as at a template.
+#: Attempts at a task, each of which ends after two dead workers.
 ATTEMPTS = 3
-SEVERAL = 8  # tasks of each thread, where the next are submitted when all have ended
+SEVERAL = 8  # tasks for each thread, where further ones are submitted only after all have ended
 
 
 @dataclass(frozen=True)
 class _Item:
-    """One of those that a task is done for, and the attempt at it."""
+    """Number of a task's arguments, and the attempt at it."""
 
     number: int
     attempt: int
 
 
 class Joining(InFlight[_Item, Any]):
-    """Tasks for each part of a survey on a cluster: `each` is that of `complete`."""
+    """Runs the tasks that complete a survey on a cluster; `each` is the argument of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
-        """Take what is asked several times a second whether this shall stop."""
+        """Take a function that says, several times a second, whether to stop."""
         super().__init__(client, "join", LOST)
         self._should_stop = should_stop
         self._waiting = deque[_Item]()
@@ -39,25 +39,25 @@ class Joining(InFlight[_Item, Any]):
     def each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
-        """Do a task for each of these; as `map`."""
+        """Run a task for each of these items, as `map` does."""
         return self.map(task, [(request, path, *item) for item in items])
 
     def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Do a task with each of these arguments, as many as the cluster has threads at a time; results in order.
+        """Run a task with each of these arguments, as many at a time as the cluster has threads.
 
         Returns
         -------
         list[Any]
-            Results, in order.
+            Results in the order of the arguments.
 
         Raises
         ------
-        StoppedError
-            Because `should_stop` said so; no process computes any of it then.
-        SurveyError
-            It cannot be done.
         ClusterLostError
             The cluster is gone.
+        StoppedError
+            `should_stop` returned true; no process computes any of the tasks then.
+        SurveyError
+            A task cannot be done.
         """
         found = [None] * len(items)
         self._waiting = deque(_Item(number, 1) for number in range(len(items)))
@@ -80,16 +80,16 @@ class Joining(InFlight[_Item, Any]):
         return found
 
     def several(self) -> int:
-        """Return how many tasks keep every thread busy for long, whatever each takes."""
+        """Return a number of tasks that keeps every thread busy for long."""
         return SEVERAL * max(self.threads(WORKERLESS_SECONDS), 1)
 
     def after_error(self, task: Task[_Item], error: BaseException) -> None:
-        """Go on after a worker's death, raise anything else."""
+        """Repeat a task after a worker's death; raise any other error."""
         self.drop(task.work.__eq__)
         if not isinstance(error, KilledWorker):
             raise error
         if task.work.attempt == ATTEMPTS:
             raise SurveyError(
-                "the survey killed the process that completed it, block by block: look at the log"
+                "the process that joins the blocks of the survey was killed repeatedly: see the log of the workers"
             ) from error
         self._waiting.append(_Item(task.work.number, task.work.attempt + 1))

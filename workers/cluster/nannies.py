@@ -1,7 +1,7 @@
-"""The process that starts the workers of a cluster on this machine, each with a nanny of dask's that replaces it.
+"""The process that starts the workers of a cluster on this machine, each with a nanny of dask that replaces it.
 
-A worker that multiprocessing starts imports the main module of the process that starts it. Here that is this module: a
-user's script needs no ``if __name__ == "__main__"``, and is never run by workers.
+A worker that multiprocessing starts imports the main module of the process that starts it. Here that is this module, so
+a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
 """
 
 import asyncio
@@ -14,10 +14,10 @@ import threading
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-OBJECTS = 400_000  # made between two garbage collections; Python's default is 700
+OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
 
-# Most objects are modules: looking for garbage in them took a fifth of a worker's start. Here, because a worker imports
-# this module before anything else.
+# Most objects are modules: collecting garbage among them took a fifth of a worker's start. The threshold is set here
+# because a worker imports this module before anything else.
 gc.set_threshold(OBJECTS)
 
 #: The process that removes the semaphores of the others once they are gone.
@@ -35,7 +35,7 @@ class Start(NamedTuple):
 
 
 def main() -> None:
-    """Serve until all workers have closed, or the process that wrote to stdin is gone."""
+    """Serve until all workers have closed, or the process that wrote to stdin has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit it
     import dask
     import distributed  # noqa: F401 - while the caller's scheduler starts
@@ -61,14 +61,14 @@ def _end_with_parent() -> None:
 
 
 def end_processes_of(pid: int) -> None:
-    """Kill a process and all that it has started, frozen ones too; the tracker of semaphores ends after them."""
+    """Kill a process and all its descendants, frozen ones too; the tracker of semaphores ends by itself after them."""
     import psutil
 
     with suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         children = process.children(recursive=True)
         if pid != os.getpid():
-            process.kill()  # first: it would replace the others
+            process.kill()  # it comes first because it would replace the others
         for child in children:
             with suppress(psutil.Error):
                 if TRACKER not in " ".join(child.cmdline()):

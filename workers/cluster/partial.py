@@ -1,4 +1,4 @@
-"""Tiles in parts: a task computes cells of a tile for a few seconds, and another task goes on with the rest."""
+"""Tiles in parts: a task computes cells of a tile for a few seconds, and another task continues with the rest."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
-PART_SECONDS = 2.0  # of a task, unless one cell takes longer: surveys take turns between tasks
-FEW = 16  # cells of a tile, which has no parts if it has fewer
-QUICK = 0.25  # of these seconds: a tile that is not worth parts
+PART_SECONDS = 2.0  # longest task, unless one cell takes longer: surveys take turns between tasks
+FEW = 16  # a tile with fewer cells has no parts
+QUICK = 0.25  # a tile that takes less than this share of the seconds has no parts
 
 
 @dataclass(frozen=True)
 class PartialTile:
-    """Some cells of a tile, computed.
+    """A partly computed tile.
 
-    values: arrays of the whole tile. done (rows, columns): which cells they hold; the gears of a population are one
-    row. record: sums over these cells. slowest: seconds of a cell, in the slowest group of them.
+    values: arrays of the whole tile. done (rows, columns): the computed cells; the gears of a population are one row.
+    record: sums over these cells. slowest: seconds of a cell in the slowest group so far.
     """
 
     values: TileArrays
@@ -34,19 +34,19 @@ class PartialTile:
 
     @property
     def is_whole(self) -> bool:
-        """True if no cell is left."""
+        """True if all cells are computed."""
         return bool(self.done.all())
 
 
 def is_divisible(request: AnyRequest, cells: int) -> bool:
     """Return whether a tile of so many cells can take long and be computed in parts.
 
-    Closed forms take no time, and the leaves of a refined survey share cells.
+    Closed forms take no time, and leaves of a refined survey share cells: these have no parts.
 
     Returns
     -------
     bool
-        True if it is divisible.
+        True if `compute_partly` may be used.
     """
     if cells < FEW:
         return False
@@ -60,18 +60,19 @@ def compute_partly(
 ) -> PartialTile:
     """Compute further cells of a tile, for so many seconds.
 
-    No cell depends on those that are computed with it, so the parts do not show. A group of cells is as large as the
-    slowest cells of the tile allow: its corners and its middle are computed first, each alone, for an estimate.
+    No cell depends on those that are computed with it, so results do not depend on the parts. The size of a group of
+    cells follows from the slowest cells of the tile: corners and middle are computed first, each alone, for an
+    estimate.
 
     Parameters
     ----------
     before : PartialTile | None
-        What has been computed of it.
+        The cells computed so far; None for none.
     seconds : float
-        After these no further group of cells begins; one cell at least is computed.
+        No further group of cells begins after these; at least one cell is computed.
     expected : float
-        Seconds of a cell in the slowest part of the survey so far. A tile that is quick even so is computed at once: in
-        groups it would take longer.
+        Seconds of a cell in the slowest part of the survey so far. A tile that is quick even at that rate is computed
+        at once, because groups would take longer.
 
     Returns
     -------
@@ -96,7 +97,7 @@ def _nothing(tile: AnyTile) -> PartialTile:
 
 
 def _next_group(done: np.ndarray, most: int) -> tuple[slice, slice]:
-    """Return the rows and columns of cells that are computed next, at most so many, which are side by side."""
+    """Return the rows and columns of the next cells, which are adjacent and at most so many."""
     rows, columns = done.shape
     for i, j in ((rows // 2, columns // 2), (0, 0), (0, -1), (-1, 0), (-1, -1)):
         if not done[i, j]:
@@ -129,7 +130,7 @@ def _extended(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice
 
 
 def _piece(tile: AnyTile, rows: slice, columns: slice) -> AnyTile:
-    """Return these rows and columns of a tile as a tile of the same number."""
+    """Return these rows and columns of a tile, as a tile with the same index."""
     if isinstance(tile, Tile):
         return replace(tile, epsilon=_within(tile.epsilon, rows), delta=_within(tile.delta, columns))
     return replace(tile, gear=_within(tile.gear, columns))

@@ -1,4 +1,4 @@
-"""Windows on a cluster: the maps of a window, ever finer, before the tiles of any survey."""
+"""Maps of a window on a cluster, in finer and finer steps; their tasks come before the tiles of any survey."""
 
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -10,41 +10,41 @@ from gear_rattle.workers.cluster.window import Frame, Grid, PartValues, WindowPa
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
-PRIORITY = 10  # of dask; tiles have 0
-PART_SECONDS = 0.3  # aimed at: a part that is begun is not interrupted
-FIRST_CELLS = 64  # of a part, until it is known how long a cell takes
+PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
+PART_SECONDS = 0.3  # intended duration of a part, which cannot be interrupted
+FIRST_CELLS = 64  # cells of a part, until the time of a cell is known
 FIRST_CLOSED_FORM = 16_384
 FRAME_SECONDS = 0.4  # between frames of one level
 POLL_SECONDS = 0.1
 WORKERLESS_SECONDS = 20.0
-AHEAD = 2  # parts of each thread: one at work, one that waits
+AHEAD = 2  # submitted parts for each thread: a running one and a waiting one
 LOST = "the workers are gone, or being replaced: try again in a few seconds"
 
 
 def refined_frames(
     client: Client, survey: SurveyRequest, variable: str, index: int, should_stop: Callable[[], bool]
 ) -> Generator[Frame, None, None]:
-    """Compute a map of a window, as `window_survey` has it, on a cluster: frames ever finer, the last one complete.
+    """Compute a map of a window on a cluster, as `window_survey` has it, in frames of increasing resolution.
 
-    Blocks between frames; for a thread of its own. Nothing of it is left on the cluster when it ends or is closed, but
-    for parts at work, of half a second or so.
+    It blocks between frames, so it needs a thread of its own. When it ends or is closed, no task is left on the cluster
+    but running parts, which take about half a second.
 
     Parameters
     ----------
     should_stop : Callable[[], bool]
-        Asked several times a second; after a stop there are no more frames.
+        Called several times a second; after it returns true there are no more frames.
 
     Yields
     ------
     Frame
-        Frames ever finer.
+        The map so far; the last one is complete.
 
     Raises
     ------
-    SurveyError
-        There is no such map, or a part of it cannot be computed.
     ClusterLostError
         The cluster is gone.
+    SurveyError
+        There is no such map, or a part of it cannot be computed.
     """
     work = _Work(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
@@ -78,7 +78,7 @@ class _Work(InFlight[WindowPart, PartValues]):
         self._cells, self._seconds = 0, 0.0
 
     def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[WindowPart]:
-        """Yield the parts of a level, of so many cells as take the time of a part by what was measured before it."""
+        """Yield the parts of a level. Measured times decide their size, so that a part takes PART_SECONDS."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)
@@ -86,9 +86,9 @@ class _Work(InFlight[WindowPart, PartValues]):
     def run(
         self, parts: Iterator[WindowPart], should_stop: Callable[[], bool]
     ) -> Iterator[tuple[WindowPart, PartValues]]:
-        """Compute parts, each as soon as a thread is free for it, in any order."""
+        """Compute parts as threads become free, and yield them in the order in which they end."""
         left = next(parts, None)
-        self._cells, self._seconds = 0, 0.0  # cells of a finer level are elsewhere, and may take longer
+        self._cells, self._seconds = 0, 0.0  # cells of a finer level are at other points, and may take longer
         while (left or self.in_flight) and not should_stop():
             room = AHEAD * self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
@@ -103,7 +103,7 @@ class _Work(InFlight[WindowPart, PartValues]):
                 yield task.work, values
 
     def after_error(self, _: Task[WindowPart], error: BaseException) -> None:
-        """No part is tried again: what a window shows is wanted now."""
+        """Raise an error: parts are not repeated, because a window is shown now or never."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error
         raise SurveyError(f"a part of this window failed: {type(error).__name__}: {error}") from error

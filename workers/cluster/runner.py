@@ -1,4 +1,4 @@
-"""Tiles on a cluster: what to submit next is decided here, what a tile is is decided elsewhere."""
+"""Run tiles on a cluster: decide the order of submission, and wait for results."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: At a template, two deaths each: a process that has just been ended for another survey may still be given it.
+#: Attempts at a template, each of which ends after two dead workers: dask may send it to a worker that is just ending.
 ATTEMPTS = 3
 
 
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
-    """Compute a tile and write it to the store. The record says what was written."""
+    """Compute a tile and write it to the store. The record has the digests of the written chunks."""
     if apart:
         values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
     else:
@@ -60,19 +60,19 @@ def advance_tile(
     expected: float,
     seconds: float,
 ) -> TileRecord | PartialTile:
-    """Compute a tile and write it to the store, or a part of it that takes so many seconds.
+    """Compute a tile and write it to the store, or compute a part of it that takes so many seconds.
 
-    The task that a cluster runs, again if it has to. A tile that is computed apart has no parts.
+    This is the task that a cluster runs, and repeats if necessary. A tile that is computed apart has no parts.
 
     Returns
     -------
     TileRecord | PartialTile
-        Record of the tile, or its computed part.
+        The record if the tile is written, else its computed part.
     """
     if apart or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, apart)
     if not (loaded := _loaded_for(request)):
-        compute_partly(request, tile, None, 0.0)  # so that the cost of the next cell is its own
+        compute_partly(request, tile, None, 0.0)  # loads kernels, so that the next cell's time is its own
         loaded.append(True)
     part = compute_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
@@ -82,7 +82,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return what says that this process has loaded the kernels of a request, empty at first."""
+    """Return a list for a request that is empty until this process has loaded the kernels of that request."""
     return []
 
 
@@ -91,31 +91,31 @@ def _never() -> bool:
 
 
 def template_on(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
-    """Return what `template_of` does, computed on a cluster: some curves take minutes to trace.
+    """Return the result of `template_of`, computed on a cluster: some curves take minutes to trace.
 
     Parameters
     ----------
     should_stop : Callable[[], bool]
-        Asked several times a second; then the process that computes it is ended.
+        Called several times a second; if true, the process that computes the template is ended.
 
     Returns
     -------
     Template
-        The template.
+        Files of the empty store, by key.
 
     Raises
     ------
-    StoppedError
-        Because `should_stop` said so.
-    SurveyError
-        It cannot be computed.
     ClusterLostError
         The cluster is gone.
+    StoppedError
+        `should_stop` returned true.
+    SurveyError
+        The template cannot be computed.
     """
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
             return _traced(client, request, created, should_stop)
-    raise SurveyError("the curves of the survey killed the process that traced them: look at the log")
+    raise SurveyError("the process that traces the survey's curves was killed repeatedly: see the log of the workers")
 
 
 def _traced(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
@@ -124,7 +124,7 @@ def _traced(client: Client, request: AnyRequest, created: str | None, should_sto
     future.add_done_callback(ended.put)
     try:
         while not should_stop():
-            with suppress(Empty):  # not TimeoutError of `result`: dask forgets it sometimes, on Python 3.12
+            with suppress(Empty):  # a queue, because dask's `result` sometimes misses its timeout on Python 3.12
                 ended.get(timeout=POLL_SECONDS)
                 template: Template = future.result()
                 return template
@@ -144,9 +144,9 @@ def complete_on(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = _never,
 ) -> None:
-    """Do what `complete` does on a cluster, block by block, holding the store.
+    """Complete a survey on a cluster, block by block, as `complete` does, holding the lock of the store.
 
-    Arguments and errors are those of `template_on`, and its own. After a stop no process computes any of it.
+    Arguments and errors are those of `template_on` and `complete`. After a stop no process computes any of it.
     """
     place, joining = place_of(where), Joining(client, should_stop)
     with place.writing():
@@ -160,7 +160,7 @@ def certify_on(
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = _never,
 ) -> Dataset:
-    """Do what `certify_survey` does on a cluster. Its errors, and those of `template_on`: StoppedError after a stop."""
+    """Prove the attractors of a survey on a cluster, as `certify_survey` does; StoppedError after a stop."""
     joining = Joining(client, should_stop)
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
@@ -183,27 +183,26 @@ def run_tiles(
 ) -> None:
     """Compute tiles of a created store on a cluster, until all are written or `should_stop` or `should_pause` says so.
 
-    Where tiles can take long, some cells of many are computed first, for their cost; the most expensive tiles begin.
-
-    A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by cell in a
-    process of its own: only the cells that kill it fail, and those that take too much processor time.
+    Where tiles can take long, some cells of many tiles are computed first to predict their cost, and the most expensive
+    tiles come first. A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed
+    cell by cell in a process of its own: only the cells that kill it, or take too much processor time, fail.
 
     Parameters
     ----------
     on_tile : Callable[[TileRecord], None]
         Called in this thread, with each tile that has been written.
     should_stop : Callable[[], bool]
-        Asked several times a second. After a stop this returns within seconds: tiles that end meanwhile are reported,
-        the others are left for the next run.
+        Called several times a second. After it returns true this returns within seconds: tiles that end meanwhile are
+        reported, the others are left for the next run.
     unwanted : Callable[[], bool]
-        Asked after a stop: whether nobody wants the tiles at work, so that their processes are ended at once.
+        Called after a stop; if true, nobody needs the running tiles, and their processes are ended at once.
     should_pause : Callable[[], bool]
-        Asked several times a second: whether no more tasks shall begin. Those at work come to their end, within
-        PART_SECONDS unless one cell takes longer.
+        Called several times a second; if true, no more tasks begin. Running ones end within PART_SECONDS unless one
+        cell takes longer.
     begun : Begun | None
-        What earlier runs have begun, before a pause; kept up to date.
+        State of earlier runs, before a pause; updated in place.
     on_left : Callable[[float], None]
-        Called in this thread with the seconds that the tiles will still take, whenever that is known better.
+        Called in this thread with the seconds that the tiles will still take, whenever the prediction improves.
 
     Raises
     ------
@@ -267,7 +266,7 @@ def run_tiles(
                 if not should_stop():
                     _run(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
-                    end_tasks_and_wait(client, submission.superseded)  # or they would undo what further rounds write
+                    end_tasks_and_wait(client, submission.superseded)  # they would overwrite tiles of later rounds
             finally:
                 submission.cancel()
 
@@ -287,12 +286,12 @@ def _run(
         elif found:
             on_tile(found)
 
-    has_begun = False  # before a pause something is computed, or a run that pauses at once would never end
+    has_begun = False  # at least one tile begins before a pause, or a run that always pauses would never end
     while (waiting or submission.in_flight) and not should_stop():
         if waiting and has_begun and should_pause():
             waiting.clear()
-        # Before others are on their way to workers. Again if none will be: a tile's first result can wait at a frozen
-        # worker together with another one's, and be repeated at that worker.
+        # Late tiles come before new ones. They are repeated again if there are no new ones: a repetition may have gone
+        # to a frozen worker, too.
         room = submission.room()
         room -= submission.repeat_late_tiles(again=not waiting or not room)
         for _ in range(min(room, len(waiting))):

@@ -1,4 +1,4 @@
-"""The directory for temporary files of a cluster. A killed process leaves one behind; the next start removes it."""
+"""The directory for temporary files of a cluster. A killed process leaves one behind, and the next start removes it."""
 
 import fcntl
 import os
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 PREFIX = "rattle-workers-"
-HELD = "held"  # a file that the owner keeps locked: the system unlocks it, however the owner ends
+HELD = "held"  # a file that its owner keeps locked; the system unlocks it however the owner ends
 
 
 @contextmanager
@@ -18,7 +18,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
     Parameters
     ----------
     root : str or None
-        Directory to make it in; by default that of temporary files.
+        Parent directory; by default that of temporary files.
 
     Yields
     ------
@@ -30,7 +30,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
         new = os.path.join(path, f"{HELD}.new")
         file = os.open(new, os.O_RDWR | os.O_CREAT, 0o600)
         try:
-            with suppress(OSError):  # a file system without locks: others cannot lock it either, and leave it alone
+            with suppress(OSError):  # if the file system has no locks, nobody can lock it, and nobody removes it
                 fcntl.flock(file, fcntl.LOCK_EX)
                 os.rename(new, os.path.join(path, HELD))  # locked from the moment that others see it
             yield path
@@ -42,7 +42,7 @@ def _remove_abandoned(root: str) -> None:
     with suppress(OSError), os.scandir(root) as entries:
         for entry in entries:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
-                with suppress(OSError):  # somebody else's, or gone
+                with suppress(OSError):  # it belongs to another account, or is gone
                     _remove_unless_held(entry.path)
 
 

@@ -1,4 +1,4 @@
-"""The tiles of one run that are on the cluster: submitted, repeated where that helps, awaited and given up."""
+"""The tiles of one run on the cluster: submitted, repeated where that helps, awaited and cancelled."""
 
 import math
 import time
@@ -17,14 +17,14 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, described, tile_error
 from gear_rattle.workers.survey.tiles import TileRecord
 
-#: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
+#: A tile is late after both this time and ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile of so many cells may take so long on a worker, a larger one longer, but so many times as long at most; a usual
-#: one takes seconds.
+#: A tile of TILE_CELLS may take TILE_SECONDS on a worker, a larger one longer, MOST times as long at most; a usual tile
+#: takes seconds.
 TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
-#: Between two tiles that are ended so: a process starts again meanwhile.
+#: Least time between two tiles that are ended so: a process restarts meanwhile.
 RESTART_SECONDS = 60.0
-#: A cluster may be without workers for so long: they are being restarted.
+#: A cluster may have no workers for so long, because they may be restarting.
 WORKERLESS_SECONDS = 60.0
 LOST = "the dask scheduler is gone: start one and run the survey again, which resumes it"
 
@@ -34,7 +34,7 @@ Found = TileRecord | PartialTile
 
 @dataclass(frozen=True)
 class Attempt:
-    """At a tile; there may be more than one at the same tile, and they write the same bytes."""
+    """An attempt at a tile; several attempts at the same tile write the same bytes."""
 
     tile: AnyTile
     apart: bool
@@ -54,53 +54,49 @@ class Submission(InFlight[Attempt, Found]):
         """Take the task and its arguments.
 
         The task takes the request, the path, a tile, whether it is computed apart, its partial values, seconds of a
-        cell in the slowest part so far, and of this task.
-
-        partial: tiles of which a part is computed, by index; kept up to date.
+        cell in the slowest part so far, and of this task. partial: partly computed tiles, by index, updated in place.
         """
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path
         self._partial = {} if partial is None else partial
         self._slowest = 0.0  # seconds of a cell
-        self.seconds = PART_SECONDS  # of a task
+        self.seconds = PART_SECONDS  # intended duration of a task
         self.n_threads = 0
         self._longest = 0.0
         self._next_end = 0.0
-        #: Attempts that may still be at work at a tile of which another one came first.
+        #: Attempts that may still run although another attempt at the same tile has ended.
         self.superseded: list[Future] = []
 
     def room(self) -> int:
         """Return how many more tiles keep every thread busy.
 
-        None waits at a worker: dask counts a worker's death against everything that is there, and would blame it.
+        No tile waits at a worker: when a worker dies, dask blames every task that it holds.
 
         Returns
         -------
         int
-            Number of tiles.
+            0 or more.
         """
         self.n_threads = self.threads(WORKERLESS_SECONDS)
         return max(self.n_threads - len(self.in_flight), 0)
 
     def submit(self, tile: AnyTile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
-        """Put a tile on the cluster, apart from others in a process of its own if it kills its workers."""
+        """Submit a tile; `apart`, in a process of its own, if it kills its workers."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
         self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, *known, workers=workers)
 
     def repeat_late_tiles(self, again: bool) -> int:
-        """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts.
-
-        Return how many.
+        """Submit tiles that take far longer than any before to idle workers as well: the first result counts.
 
         Parameters
         ----------
         again : bool
-            Also those that have been repeated; they may only be slow, and others would wait for the workers.
+            Whether to repeat tiles that were repeated before. They may only be slow, and new tiles would wait.
 
         Returns
         -------
         int
-            Number of tiles.
+            Number of submitted tiles.
         """
         late_since = time.monotonic() - max(LATE_SECONDS, LATE_FACTOR * self._longest)
         attempts = Counter(each.work.tile.index for each in self.in_flight.values())
@@ -116,9 +112,9 @@ class Submission(InFlight[Attempt, Found]):
         return len(self.in_flight) - before
 
     def set_endless_tile_apart(self) -> None:
-        """End the process of a tile that has taken too long: apart, each of its cells has a limit of its own.
+        """End the process of a tile that has taken too long, and compute the tile apart, with a limit for each cell.
 
-        One at a time: a process that is being ended may still be given a tile, which dask counts as a death of it.
+        One tile at a time: an ending process may still be sent a tile, which dask would count as its death.
         """
         now = time.monotonic()
         endless = (each for each in self.in_flight.values() if not each.work.apart and now - each.began > _limit(each))
@@ -128,14 +124,12 @@ class Submission(InFlight[Attempt, Found]):
             self._again_apart(task.work.tile)
 
     def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
-        """Return the record of the next tile that ends, or a tile of which a part is computed now.
-
-        None if there is neither in this time.
+        """Return the record of the next tile that ends, or a tile of which another part is computed.
 
         Returns
         -------
         TileRecord | AnyTile | None
-            The record, the tile, or None.
+            None if neither comes within `seconds`.
         """
         if (ended := self.next_ended(seconds)) is None:
             return None
@@ -154,7 +148,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def after_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Go on after a worker's death, raise anything else."""
+        """Repeat a tile apart after a worker's death; raise any other error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
@@ -162,7 +156,7 @@ class Submission(InFlight[Attempt, Found]):
             what, attempts = described(self._request, tile), error.allowed_failures + 1
             raise SurveyError(
                 f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process"
-                ": look at the workers' logs"
+                ": see the logs of the workers"
             ) from error
         self._again_apart(tile)
 
@@ -175,19 +169,19 @@ class Submission(InFlight[Attempt, Found]):
         self.drop(lambda attempt: attempt.tile.index == tile.index)
 
     def cut_off(self) -> None:
-        """Give up what is in flight, and end the processes that compute nothing else."""
+        """Cancel all tasks, and end the processes that compute nothing else."""
         futures = [task.future for task in self.in_flight.values()]
         self.in_flight.clear()
         end_tasks(self._client, futures)
 
     def cancel(self) -> None:
-        """Give up what is in flight."""
+        """Cancel all tasks."""
         if self.in_flight and self._client.status == "running":
             with suppress(OSError):  # the scheduler is gone: nothing to cancel
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
     def _idle(self) -> list[str]:
-        """Return the idle workers, those first that have no result which nobody got: they may be frozen."""
+        """Return the idle workers; those that hold an undelivered result come last, since they may be frozen."""
         try:
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
             held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])

@@ -1,7 +1,7 @@
-"""A window of the (δ, ε) plane at screen resolution: its grid, what is computed first, what is seen meanwhile.
+"""A window of the (δ, ε) plane at screen resolution: its grid, the order of its cells, and its frames.
 
-A window is the grid of the survey that it would be, and its cells are evaluated as those of that survey. Every level
-has every other row and column of the next, up to the whole grid.
+A window is the grid of the survey that it would be, and its cells are evaluated as those of that survey. Each level has
+every other row and column of the next, up to the whole grid.
 """
 
 import math
@@ -25,19 +25,19 @@ from rattle.errors import require_integer, require_pair
 
 HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096
-RESOLVED = 4  # units in the last place between neighbouring values of an axis
-CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # where they are: at once at full resolution
+RESOLVED = 4  # least distance of neighbouring values of an axis, in units in the last place
+CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # computed at once at full resolution, if in closed form
 
 
 class WindowPart(NamedTuple):
-    """Some cells of a window's grid: every so many rows and columns of it."""
+    """Some cells of a window's grid: strided rows and columns of it."""
 
     epsilon: slice
     delta: slice
 
 
 class PartValues(NamedTuple):
-    """Result of a part: values (n_epsilon, n_delta), cells that failed, and seconds."""
+    """Result of a part: values (n_epsilon, n_delta), the number of failed cells, and seconds."""
 
     values: np.ndarray
     failed: int
@@ -46,11 +46,11 @@ class PartValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """A window as far as it is known: cell centres delta (n,) and epsilon (m,), values (m, n) in the dtype of the map.
+    """A partly computed window: cell centres delta (n,) and epsilon (m,), values (m, n) in the dtype of the map.
 
-    Where a cell of this level is still to be computed, the value is that of a cell of the level before beside it. done:
-    share of the cells of the finest level that are computed, 1 in the last frame; failed: cells without a value because
-    they could not be computed.
+    A cell of this level that is not computed yet has the value of a neighbour of the level before. done: share of the
+    cells of the finest level that are computed, 1 in the last frame; failed: cells without a value because they could
+    not be computed.
     """
 
     delta: np.ndarray
@@ -61,7 +61,7 @@ class Frame:
 
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
-    """Return the variable of a map. Raises SurveyError if there is no such map, as of a survey of that model."""
+    """Return the variable of a map. Raises SurveyError if a survey of this model has no such map."""
     per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_of(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
@@ -73,22 +73,23 @@ def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
 
 
 def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int]) -> SurveyRequest:
-    """Return the survey of a window with about so many cells along (delta, epsilon): its cells are the window's.
+    """Return the survey of a window with about `pixels` cells along (delta, epsilon): its cells are the window's.
 
-    What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
-    All else is as in `request`, what it has by default too, but for the tile, the default one; nothing is proved.
+    Parts outside the plane (δ ≤ 0, ε < 0) are cut off, and no axis is finer than double precision can resolve. All
+    other fields are those of `request`, its defaults included, except that the tile has its default shape and nothing
+    is proved.
 
     Returns
     -------
     SurveyRequest
-        The request.
+        The request, whose axes have 2ᵖk + 1 values.
 
     Raises
     ------
-    ParameterError
-        The window or its pixels are no numbers, or out of range.
     SurveyError
         The window is empty, outside the plane or too narrow.
+    ParameterError
+        The window or its pixels are not numbers, or out of range.
     """
     axes = {}
     try:
@@ -131,7 +132,7 @@ class Grid:
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[WindowPart, ...]:
-        """Return the cells of a level that no level before has, as one or two parts."""
+        """Return the cells of a level that no earlier level has, as one or two parts."""
         step = 2**level
         if level == self.levels[0]:
             return (WindowPart(slice(0, None, step), slice(0, None, step)),)
@@ -148,13 +149,13 @@ class Grid:
                 yield WindowPart(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, found: PartValues) -> None:
-        """Enter the values of a part."""
+        """Store the values of a part."""
         self.values[part] = found.values
         self.known[part] = True
         self.failed += found.failed
 
     def frame(self, level: int) -> Frame:
-        """Return what is known, at this level, with the level before where it is not."""
+        """Return the computed values at this level; cells not yet computed have the values of the level before."""
         step = 2**level
         rows, columns = (np.arange(0, number, step) for number in self.values.shape)
         at, known = self.values[np.ix_(rows, columns)], self.known[np.ix_(rows, columns)]
@@ -171,10 +172,10 @@ def _slice(some: range) -> slice:
 def compute_part(
     request: SurveyRequest, variable: str, index: int, delta: np.ndarray, epsilon: np.ndarray
 ) -> PartValues:
-    """Compute a map on the cells epsilon × delta: the task that a cluster runs. A cell that fails keeps the fill."""
+    """Compute a map on the cells epsilon × delta. This is a task of the cluster; failed cells keep the fill value."""
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
-    # the status tells of all that are stored
+    # the status of a cell depends on all stored variables
     wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
     groups = {each.group for each in wanted}
     cells = Cells(
@@ -190,7 +191,7 @@ def compute_part(
         values = _evaluated(wanted, index, cells)
     except MACHINE_FAILURES:
         raise
-    except Exception:  # whatever the model raises is that cell's result
+    except Exception:  # an error of the model is the result of that cell
         values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
@@ -203,7 +204,7 @@ def compute_part(
 
 
 def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Evaluate some variables, and return the map of the last."""
+    """Evaluate some variables, and return the map of the last one."""
     for quantity in (each for each in wanted if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

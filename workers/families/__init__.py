@@ -1,1 +1,1 @@
-"""The attractors of a survey joined to families after its tiles, block by block, and one family as a map."""
+"""Join the attractors of a survey to families after its tiles, block by block; one family as a map."""

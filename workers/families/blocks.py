@@ -1,4 +1,4 @@
-"""The blocks that a survey is joined in, whatever its tiles, and what is read and kept of them."""
+"""The blocks in which a survey is joined, independent of its tiles, and their temporary files in the store."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: Slots of the cells of a block, some 100 MB of a worker. The bits of an orbit that enters depend on it, once in 10⁸.
+#: Slots of the cells of a block, some 100 MB of a worker. It changes the bits of one continued orbit in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19
 
 
 @dataclass(frozen=True)
 class Block:
-    """A rectangle of cells, and where it is among the blocks of so many cells a side; a chunk of what families add."""
+    """A rectangle of cells, with its row and column among blocks of `side` cells; also a chunk of the family arrays."""
 
     row: int
     column: int
     cells: Rectangle
     side: int
-    along: Along = ()  # in which slice it is
+    along: Along = ()  # index of its slice
 
     @property
     def chunk(self) -> str:
-        """The key of its families in their slots."""
+        """The key of the chunk with the families of its slots."""
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def kept(self, what: str) -> str:
-        """Return the key of what is kept of it while a survey is joined."""
+        """Return the key of a temporary file of the block, which exists while the survey is joined."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
-COMPONENTS, TARGETS = "components", "slots"  # what is kept
+COMPONENTS, TARGETS = "components", "slots"  # names of the temporary files
 
 
 def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
@@ -55,7 +55,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Return a rectangle and the cells around it; before=0: only those after it."""
+    """Return a rectangle extended by the cells around it; with before=0, by those after it only."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -65,7 +65,7 @@ def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Recta
 
 
 def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Return whether cells, by their number in the grid, are in a rectangle."""
+    """Return whether cells, given by their number in the grid, are in a rectangle."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
@@ -84,14 +84,12 @@ def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attracto
 
 
 def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
-    """Return the attractors that a survey lists in a rectangle of a slice, with their cells in the grid.
-
-    In their order.
+    """Return the attractors that a survey lists in a rectangle of a slice, in order, with their cells in the grid.
 
     Returns
     -------
     Slots
-        The attractors.
+        One row for each attractor.
     """
     at: tuple[int | slice | EllipsisType, ...] = (
         *along,
@@ -106,13 +104,13 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return the component of the block for each of its attractors, with those that entered it, in their order."""
+    """Return the component for each attractor of the block, continued ones included, in their order."""
     with reading(f"what is kept of {place}"):
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle:
-    """Return the cells that are in both of two rectangles; none if it ends before it begins."""
+    """Return the intersection of two rectangles; an empty one ends before it begins."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
@@ -129,7 +127,7 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
     Returns
     -------
     np.ndarray
-        Slots; −1: there is none.
+        int8; −1 where a cell has fewer attractors.
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
@@ -151,6 +149,6 @@ def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
 
 
 def place_in_cell(cell: np.ndarray) -> np.ndarray:
-    """Return how many rows of the same cell are before each of a table in its order."""
+    """Return for each row of a sorted table how many rows of the same cell precede it."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

@@ -1,4 +1,4 @@
-"""The attractors of a survey joined to families, after its tiles: by blocks, whose tasks may run anywhere."""
+"""Join the attractors of a survey to families after its tiles, by blocks whose tasks may run anywhere."""
 
 from __future__ import annotations
 
@@ -45,29 +45,29 @@ from rattle.families import (
     together,
 )
 
-#: Of a curve in the store: its points and what joins them.
+#: Variables of a stored curve: its points, and the number of the piece that each is on.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 
 Rows = TypeVar("Rows", Attractors, Border)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey, whose tiles are all there, is still to be joined."""
+    """Return whether a survey with all its tiles still has to be joined."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
 def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here, at_once: int = 1) -> None:
-    """Join the attractors of a survey whose tiles are all computed, each slice for itself, and store their families.
+    """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
-    The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
-    which they came shows. A run that was killed meanwhile leaves a survey without families, which is joined anew.
+    The caller holds the lock of the store. The result is a function of the cells alone: neither the shape of tiles nor
+    their order changes it. A run that was killed leaves a survey without families, which is joined anew.
 
     Raises
     ------
-    StorageError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    StorageError
+        The store cannot be written now.
     """
     place = place_of(where)
     joins = [_Join(request, place, each, at_once, along) for along in request.slices]
@@ -82,7 +82,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
 
 
 class _Join:
-    """One join of a slice: what is known of all blocks is here, in memory that grows with families and borders."""
+    """One join of a slice. It keeps summaries of all blocks in memory, which grows with families and borders."""
 
     def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.at(along)
@@ -92,7 +92,7 @@ class _Join:
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
     def run(self) -> tuple[Joined, Edges, dict[str, str]]:
-        """Join the slice, and write the families of its cells: all of them, where they end, and digests of chunks."""
+        """Join the slice and write the families of its cells; return families, their edges, and digests of chunks."""
         curves = _curves(self._request, self._place, self.along)
         entered = self._entered()
         parts: list[Connected] = self._of_blocks(connect_block, zip(entered, self._after(entered), strict=True))
@@ -115,13 +115,13 @@ class _Join:
         return self._each(task, self._request, str(self._place), items)
 
     def _near(self, block: Block) -> list[int]:
-        """Return a block and those around it."""
+        """Return the numbers of a block and of those around it."""
         steps = product((-1, 0, 1), repeat=2)
         found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
         return [i for i in found if i is not None]
 
     def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return the rows of the tables of blocks in the cells around one of them; before = 0: in those after it."""
+        """Return the rows of the blocks' tables in the cells around one block; with before=0, in those after it."""
         frame = with_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._near(block)]
         rim = [
@@ -139,14 +139,14 @@ class _Join:
         return [self._beside(block, tables, before=0) for block in self.blocks]
 
     def _entered(self) -> list[Attractors]:
-        """Return the attractors that enter each block, in rounds until no block gets a new one.
+        """Return the orbits continued into each block, in rounds until no block gets a new one.
 
-        A new attractor of one block is continued into its neighbours.
+        A new orbit of one block is continued into its neighbours.
 
         Returns
         -------
         list[Attractors]
-            Attractors by block.
+            One table for each block.
         """
         nothing = no_attractors()
         new: list[Attractors] = self._of_blocks(enter_block, [(nothing, None)] * len(self.blocks))
@@ -162,7 +162,7 @@ class _Join:
                 new[i], entered[i] = found, together(entered[i], found)
 
     def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
-        """Return the components of the survey: of each of a block's, and of −1."""
+        """Return for each block the survey's component of each of its components, and of −1."""
         from scipy.sparse import coo_array  # an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
@@ -195,7 +195,7 @@ class _Join:
         return self._of_blocks(tell_block, zip(entered, component, self._after(first), passed, strict=True))
 
     def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
-        """Return the slot of each family in all its cells, and of −1."""
+        """Return the slot that each family has in all its cells, and −1 for none."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
@@ -204,7 +204,7 @@ class _Join:
     def _written(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
     ) -> dict[str, str]:
-        """Write the families of all cells, and move attractors to their slots. Returns digests of what was added."""
+        """Write the families of all cells, and move attractors to their slots. Return digests of the added chunks."""
         found = self._of_blocks(
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
@@ -215,7 +215,7 @@ class _Join:
     def _move(self) -> None:
         """Move the attractors of all tiles to their slots.
 
-        Tiles that a killed run has moved and not noted are damaged, and computed again.
+        A tile that a killed run moved but did not record counts as damaged, and is computed again.
         """
         known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
         with noting(self._place) as note:
@@ -226,13 +226,13 @@ class _Join:
 
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
-    """Return the borders of all blocks, whose components begin with these numbers."""
+    """Return the borders of all blocks in one table; the components of block i begin with number begin[i]."""
     found = Border.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
 def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """Return the curves of a slice, as they were traced for its template."""
+    """Return the stored curves of a slice."""
     found: dict[str, Polyline] = {}
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:

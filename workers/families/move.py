@@ -20,22 +20,19 @@ from rattle.families import Rectangle
 def move_tile(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
 ) -> Mapping[str, str]:
-    """Move what is in the slots of a tile; one in which everything is in place is left as it is.
+    """Move the attractors of a tile to their slots; a tile whose attractors are all in place is left alone.
 
-    Returns the digests of its chunks, by their key.
-
-    A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
-    computed again.
+    A tile that an earlier task was moving when its worker died has an unknown state: it is computed again.
 
     Parameters
     ----------
     blocks : Sequence[Block]
-        Those that cover it; known: the digests of its chunks before.
+        The blocks that cover the tile. known: digests of its chunks before.
 
     Returns
     -------
     Mapping[str, str]
-        Digests of its chunks, by their key.
+        Digests of its chunks afterwards, by their key.
     """
     values = read_tile(request, path, tile, known)
     computed = values is not None
@@ -55,7 +52,7 @@ def move_tile(
 def _source(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """From which slot each slot of a tile (slots, m, n) gets what is in it."""
+    """Return for each slot of a tile (slots, m, n) the slot from which it takes its attractor."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PER_CELL = {
-    "fraction": "share of the sampled initial conditions; 0 of an orbit that exists and that none of them found",
+    "fraction": "share of the sampled initial conditions; 0 for a stable orbit that none of them reached",
     "fraction_upper": "upper end of the 95 % Wilson interval of fraction",
     "phase": "phase τ of a representative point, in forcing periods",
     "velocity": "speed v of a representative point",
@@ -34,25 +34,26 @@ PER_CELL = {
 def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:
     """Return one family of a survey that was computed with families, as a map over (epsilon, delta).
 
-    fraction, with its upper bound: NaN where the family is not; 0 where its orbit exists and no sample went to it.
-    phase, velocity: a point of it; lyapunov and, of a periodic one, multiplier, the size of each (exponent, …);
-    attractors: how many of them the cell has, whose shares are added and of which the largest is told. Attributes: its
-    row of the group `families`.
+    `fraction`, and its upper bound, is NaN in cells without the family, and 0 where its orbit exists but no sample
+    reached it. `phase` and `velocity` are a point of the attractor; `lyapunov` has both exponents, and `multiplier` the
+    moduli of the multipliers of a periodic orbit. `attractors` is the number of attractors of the family in a cell:
+    their fractions are added, and all else describes the one with the largest fraction. Attributes are the family's row
+    of the group `families`.
 
     Parameters
     ----------
     slice_number : int | None
-        Of a survey with a third axis, from 0: each slice has families of its own.
+        The slice, from 0, of a survey with a third axis: each slice has families of its own.
 
     Returns
     -------
     xr.Dataset
-        The map.
+        Variables on (epsilon, delta), two of them with the dimension `exponent`.
 
     Raises
     ------
     SurveyError
-        There is no survey, it has no families, or none of this number, or no such slice.
+        There is no survey, it has no families, or there is no such family or slice.
     """
     return family_of(lambda group: open_survey(path_or_url, group), str(path_or_url), number, slice_number)
 
@@ -60,19 +61,19 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
 def family_of(
     opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Return the same of a survey that is told of by its name, and that `opened` opens, or a group of it.
+    """Return one family as a map, as `open_family` does, of a survey that `opened` opens, whole or by group.
 
-    Raises as `open_family`.
+    `name` stands for the survey in messages.
 
     Returns
     -------
     xr.Dataset
-        The map.
+        Variables on (epsilon, delta), two of them with the dimension `exponent`.
 
     Raises
     ------
     SurveyError
-        If there are no families, or none of this number.
+        There are no families, or none of this number.
     """
     import xarray as xr
 
@@ -82,7 +83,7 @@ def family_of(
             raise SurveyError(f"{name} has no families: compute it with --quantity {Group.FAMILIES}")
         with opened(group_in(slice_number, GROUP)) as table:
             if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
-                raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
+                raise SurveyError(f"there is no family {number!r}: use a number from 0 to {table.sizes['family'] - 1}")
             row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}
             entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
         values = _map_of(survey, int(number), entered)
@@ -101,14 +102,14 @@ def family_of(
 
 
 def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
-    """Fraction, point, exponents and number of a family's attractors, from its slots and from what was entered."""
+    """Return fraction, point, exponents and number of a family's attractors, from slots and continued orbits."""
     of = np.asarray(survey[FAMILY]) == number
     share = np.where(of, np.asarray(survey["attractor_fraction"], float), -1.0)
     slot, there = share.argmax(axis=0), of.any(axis=0)
     at = entered["entered_row"].values, entered["entered_column"].values
 
     def best(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Return the value of the attractor with the largest share, or else of the entered orbit."""
+        """Return the value of the attractor with the largest share, or else of the continued orbit."""
         values = np.asarray(survey[f"attractor_{name}"], float)
         index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
         found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)

@@ -1,6 +1,6 @@
 """Process one block of a survey, or one tile, while its attractors are joined.
 
-Each task is a function of what the tiles hold and of its arguments, and may be done twice.
+Each task is a function of the tiles' contents and of its arguments, and may be repeated.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from rattle import Attractors
 from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
 from rattle.numerics import StructOfArrays
 
-PLACES = 1 << 16  # more than a cell has attractors
+PLACES = 1 << 16  # larger than the number of attractors of any cell
 
 
 @dataclass(frozen=True, eq=False)
 class Border(StructOfArrays):
-    """Attractors (k,) on the border of a block: their cell, their place in it, and what they are of."""
+    """Attractors (k,) on the border of a block: cell, place in the cell, and component."""
 
     cell: np.ndarray
     place: np.ndarray
@@ -49,16 +49,16 @@ class Border(StructOfArrays):
 
     @property
     def key(self) -> np.ndarray:
-        """A number of each."""
+        """A number that identifies each attractor, by cell and place."""
         found: np.ndarray = self.cell * PLACES + self.place
         return found
 
 
 class Connected(NamedTuple):
-    """The components of a block, 0 to number − 1, of which 0 is quiet motion.
+    """The components of a block, 0 to number − 1, of which 0 is quiet running.
 
-    first: the attractors of its first row and column. beyond: those that follow its last ones, and which component of
-    the block they are one with. entered: of what entered the block, as it was given.
+    first: the attractors of its first row and column. beyond: those in the cells after its last row and column, with
+    the component of the block that they join. entered: component of each orbit continued into the block.
     """
 
     number: int
@@ -68,7 +68,7 @@ class Connected(NamedTuple):
 
 
 class Told(NamedTuple):
-    """Summary of a block's components: their sums, their ends, and those listed in one cell."""
+    """Summary of a block's components: their sums, their ends, and pairs listed in one cell."""
 
     sums: Sums
     ends: FamilyEnds
@@ -78,14 +78,14 @@ class Told(NamedTuple):
 def enter_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
-    """Return the attractors that enter a block, from its own and those around it.
+    """Return the orbits that continue into a block from its own attractors and those around it.
 
-    Or, after it has entered, from orbits beside it that are new.
+    With `beside` only new orbits beside it are continued into it.
 
     Returns
     -------
     Attractors
-        The entered attractors.
+        The new orbits, in cells of the grid.
     """
     columns = request.shape[1]
     cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
@@ -105,14 +105,15 @@ def enter_block(
 def connect_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors
 ) -> Connected:
-    """Join the attractors of a block with each other and with those that follow it.
+    """Join the attractors of a block with each other and with those in the cells after it.
 
-    Entered: what entered the block, beside: what entered these. Keeps the component of each.
+    entered: orbits continued into the block; beside: those continued into the cells after it. The component of each
+    attractor is kept in a temporary file.
 
     Returns
     -------
     Connected
-        Components and their links.
+        Components, and their links to other blocks.
     """
     place, columns = place_of(path), request.shape[1]
     frame = with_rim(block.cells, request.shape, before=0)
@@ -125,7 +126,7 @@ def connect_block(
     component = connected(numbered_in(table, frame, columns), shape, _cells(request, frame))
     inside, where = within(table.cell, block.cells, columns), place_in_cell(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
-    numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # of −1 too
+    numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # with an entry for −1
     numbers[QUIET_FAMILY], numbers[mine] = QUIET_FAMILY, 1 + np.arange(mine.size)
     component = numbers[component]
     place.put(block.kept(COMPONENTS), component[inside].astype(np.int32).tobytes())
@@ -147,19 +148,19 @@ def tell_block(
     beyond: Border,
     crossings: Sequence[Crossings],
 ) -> Told:
-    """Tell what a block has of the components of the survey.
+    """Summarize the components of the survey in a block.
 
-    Component: these, of its own and −1.
+    component: the survey's component of each of the block's, and of −1.
 
     Parameters
     ----------
     beyond : Border
-        Of the attractors that follow it.
+        The attractors in the cells after the block.
 
     Returns
     -------
     Told
-        The summary.
+        Sums, ends, and pairs of components in one cell.
     """
     place = place_of(path)
     found = attractors_in(request, place, block.cells, block.along)
@@ -176,12 +177,12 @@ def write_families(
 ) -> str:
     """Write the families of a block, and keep the slots of its attractors.
 
-    Family, slot: of each of its components and −1, slot −1: none in all cells. Returns the digest of what was written.
+    family, slot: for each component of the block and for −1; slot −1 means that the family has no common slot.
 
     Returns
     -------
     str
-        Digest of the written file.
+        Digest of the written chunk.
     """
     place, cells = place_of(path), block.cells
     found = attractors_in(request, place, cells, block.along)
@@ -208,14 +209,12 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
 
 
 def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """Return the attractors of a block in their order, their components in it, and whether its tiles list them.
-
-    Found: those that they list.
+    """Return the attractors of a block, listed and continued ones, in their order.
 
     Returns
     -------
     tuple[Attractors, np.ndarray, np.ndarray]
-        Attractors, components and flags.
+        Attractors, their components in the block, and whether tiles list them.
     """
     table = together(found.attractors, entered)
     order = in_order(table)
@@ -224,7 +223,7 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Return the components that are in one cell (k, 2), the smaller one first; rows in their order."""
+    """Return the pairs (k, 2) of components that occur in one cell, the smaller one first, sorted."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

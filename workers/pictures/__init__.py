@@ -1,1 +1,1 @@
-"""Maps, with matplotlib."""
+"""Draw maps with matplotlib."""

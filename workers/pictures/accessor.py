@@ -1,4 +1,4 @@
-"""`survey.rattle`: what an `xarray.Dataset` of a survey can do besides. To import this module registers it."""
+"""The accessor `survey.rattle` of an `xarray.Dataset`; importing this module registers it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-if TYPE_CHECKING:  # half a second, for who draws
+if TYPE_CHECKING:  # matplotlib takes half a second to import
     from matplotlib.figure import Figure
 
 
@@ -20,17 +20,17 @@ class SurveyAccessor:
     def plot(self, variable: str = "region", index: int = 0, slice_number: int | None = None) -> Figure:
         """Draw a variable over the (δ, ε) plane.
 
-        Codes with their names and colours, numbers with their unit, the bifurcation curves that explain it, and why a
-        cell has no value.
+        Codes have their names and colours, numbers their unit. Bifurcation curves are drawn where they explain the map,
+        and a legend says why a cell has no value.
 
         Parameters
         ----------
         variable : str
             Any variable over (epsilon, delta), by default the regions.
         index : int
-            Which orbit, or slot of attractors, if the variable has several.
+            Number of the orbit or slot, if the variable has several.
         slice_number : int | None
-            Which value of the third axis, from 0, if the survey has one.
+            Number of the slice, from 0, if the survey has a third axis.
 
         Returns
         -------

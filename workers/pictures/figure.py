@@ -1,4 +1,4 @@
-"""The picture of a survey: its regions with the curves that bound them, where quiet survives, how chaotic it gets."""
+"""The picture of a survey: its regions with the curves that bound them, quiet fraction, and largest exponent."""
 
 from collections.abc import Iterable
 
@@ -27,7 +27,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     Returns
     -------
     Figure
-        The figure.
+        A matplotlib figure, with a panel for each of the three that the survey has.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     model = surveyed_model(dataset)
     panels = [name for name in PANELS if name in dataset]
     if not panels:
-        raise SurveyError(f"nothing to draw: ask for a survey with one of {', '.join(PANELS)}")
+        raise SurveyError(f"there is nothing to draw: compute a survey with one of {', '.join(PANELS)}")
     figure = new_figure(6.0 * len(panels), 5.0)
     curves: dict[str, tuple[Axes, list[np.ndarray]]] = {}
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
@@ -67,14 +67,12 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
 
 
 def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each of these codes that occurs (m, n) the row and column where it is widest.
-
-    And how many cells it is from there to another one.
+    """Return for each of these codes that occurs (m, n) the cell in the middle of its widest part.
 
     Returns
     -------
     dict[int, tuple[int, int, float]]
-        Row, column and distance by code.
+        Row, column, and distance to the nearest cell of another code, by code.
     """
     from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
 

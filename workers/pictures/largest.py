@@ -1,7 +1,6 @@
-"""The families of a survey as maps.
+"""The families of a survey as maps: the largest family of each cell, as named and coloured codes, and the share of one.
 
-The largest one of each cell, as codes with names and colours, and the share of one. They follow from what the store
-holds, when they are read, a band of rows after the other.
+Both are computed from the store when they are read, one band of rows after the other.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
 from rattle.plot import KIND_COLOURS, Palette, legend_name
 
-OTHERS = 31  # the last code: as many as a level tells apart, the first of which is none
+OTHERS = 31  # the last code: a level distinguishes 32 codes, the first of which is "none"
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
 NONE_COLOUR = "#f4efe3"
-APART = 40.0  # distance in CIELAB from every colour before, as far as there is room: families are many side by side
+APART = 40.0  # least distance in CIELAB from earlier colours, if possible: many families lie side by side
 MOST_CELLS = 24_000_000
-BAND = 1 << 22  # numbers of all slots that are read at a time
+BAND = 1 << 22  # numbers, in all slots, that are read at a time
 NOT_JOINED = "The families of this survey are not joined yet: they are there when all of its tiles are computed."
 CONTACTS = "attractor_contacts"
 LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and B attract nothing
@@ -39,9 +38,7 @@ LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """Return an open survey, or this slice of it; with its families as maps if one of them is what is asked for.
-
-    Raises SurveyError: no slice is meant; there are no families, or too many cells.
+    """Return an open survey, or a slice of it, with its families as maps if `variable` is one of these.
 
     Parameters
     ----------
@@ -51,12 +48,12 @@ def open_maps(
     Returns
     -------
     xr.Dataset
-        The open survey.
+        The survey or slice, with LARGEST and SHARE if one of them is requested.
 
     Raises
     ------
     SurveyError
-        If no slice is meant, there are no families, or too many cells.
+        The slice is not given, there are no families, or there are too many cells.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -73,12 +70,10 @@ def open_maps(
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     """Return a survey, or a slice of it, with two more variables.
 
-    LARGEST (among, epsilon, delta) and SHARE (family, …).
-
     Returns
     -------
     xr.Dataset
-        The survey with both.
+        The survey with LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
     """
     with reading("the families"):
         names, colours = names_of(survey, table), colours_of(table)
@@ -103,7 +98,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return the names of the first families: by number and label, of the impacting gear with the letter of C and D."""
+    """Return the names of the first families, such as "2: P(1,1,0) = C"; the letters are the impacting gear's."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -119,7 +114,7 @@ def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[
 
 
 def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return the contact phases of a family in the cell where its share is largest; 0 if no model of it has any."""
+    """Return the contact phases of a family in the cell where its share is largest; 0 for models without any."""
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
@@ -128,7 +123,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def colours_of(table: xr.Dataset) -> list[str]:
-    """Return the colours of the first families: those of their motions, and of a motion's second family another one."""
+    """Return the colours of the first families: that of the motion, and another one for its further families."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -137,19 +132,21 @@ def colours_of(table: xr.Dataset) -> list[str]:
 
 
 def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
-    """Return the family, `first` or a later one, with the largest share of the samples of each cell; −1: none has any.
+    """Return the family, `first` or a later one, with the largest share of the samples of each cell.
 
-    Slots of one family are added; of equal shares the lower number wins.
+    The shares of slots of one family are added; of equal shares the lower number wins.
 
     Parameters
     ----------
     family, share : np.ndarray
         (slots, …), family −1 where a slot has none.
+    family
+        Shape (slots, …), −1 where a slot has none; `share` alike.
 
     Returns
     -------
     np.ndarray
-        Number of the family in each cell.
+        Number of the family in each cell, −1 where no family has a share.
     """
     share = np.where(family >= first, np.nan_to_num(share), 0.0)
     best, most = np.full(family.shape[1:], -1, np.int32), np.zeros(family.shape[1:])
@@ -161,7 +158,7 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
 
 
 class _OfFamilies(BackendArray):
-    """Values computed of the slots of a survey when it is read; index: along the first dimension."""
+    """An array computed from the slots of a survey when it is read; its first dimension has `length` maps."""
 
     def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
         self._family, self._fraction = survey[FAMILY], survey["attractor_fraction"]
@@ -196,7 +193,7 @@ class _OfFamilies(BackendArray):
 
 
 class _Codes(_OfFamilies):
-    """LARGEST: 0 without a family, else 1 more than its number, OTHERS at most."""
+    """LARGEST: 0 without a family, else its number plus 1, at most OTHERS."""
 
     def __init__(self, survey: xr.Dataset) -> None:
         super().__init__(survey, len(WHICH), np.int8)
@@ -206,7 +203,7 @@ class _Codes(_OfFamilies):
 
 
 class _Shares(_OfFamilies):
-    """SHARE: of one family, 0 where none of the samples goes to it."""
+    """SHARE: the share of one family, 0 where no sample reaches it."""
 
     def __init__(self, survey: xr.Dataset, families: int) -> None:
         super().__init__(survey, families, np.float32)

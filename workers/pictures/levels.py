@@ -1,6 +1,6 @@
-"""Reduce a survey that has more cells than a picture has room for.
+"""Reduce a survey that has more cells than a picture has pixels.
 
-Of cells that become one, what is rare among them. So no island is lost, however small it becomes.
+Of the cells that become one, the rare value is displayed, so no island vanishes, however small it becomes.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
-BAND = 1 << 22  # cells that are made smaller at a time
-RARE = 2.0  # an extreme is rare where the mean is more than so many times closer to the other one
+BAND = 1 << 22  # cells that are reduced at a time
+RARE = 2.0  # an extreme is rare if the mean is more than so many times closer to the other extreme
 
-NEAR = 1  # cells of a picture on each side in which a code is rarer than another one
+NEAR = 1  # cells on each side in which the frequencies of codes are compared
 
-#: Opens a group of a survey's store, None if it has none of that name.
+#: A function that opens a group of a survey's store; None if there is no such group.
 OpenGroup = Callable[[str], xr.Dataset | None]
 
 
 @dataclass(frozen=True)
 class DisplayedCells:
-    """Displayed cells (epsilon, delta): float32, and the status of each.
+    """Displayed cells (epsilon, delta): float32 values, and the status of each.
 
-    Shares are those of the survey's own cells, not of what is shown: of codes, and of cells that have no number.
+    shares: shares of codes among the survey's own cells. without: share of the survey's own cells that have no number.
     """
 
     values: np.ndarray
@@ -44,21 +44,21 @@ class DisplayedCells:
 
 @dataclass(frozen=True)
 class LevelPart:
-    """Cells of a map, or of a level of it, that are together; along (epsilon, delta)."""
+    """A rectangle of cells, along (epsilon, delta), of a map (level None) or of one of its levels."""
 
     level: Level | None
     at: tuple[slice, slice]
 
 
 def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
-    """Return the finest of these levels in which a window has no more cells than there is room for.
+    """Return the finest level in which a window has at most so many cells.
 
-    From its first cells to its end; the coarsest if it has more in all.
+    The window reaches from the cells `first` to `end`. If no level is coarse enough, it is the coarsest.
 
     Returns
     -------
     LevelPart
-        The part; None stands for the map itself.
+        The level, and the window's cells in it.
     """
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
@@ -70,7 +70,7 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Lev
 
 
 def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
-    """Return the displayed cells of a map (m, n), as `drawn_numbers` has them, that begin where a level's cell does."""
+    """Return the displayed cells of a map (m, n), as `drawn_numbers` returns it, reduced to a level."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -84,14 +84,14 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
 
 
 def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
-    """Return the last of all levels that `reduce.codes` makes, whose cells have so many rows.
+    """Return the level of codes that `reduce.codes` yields last, whose cells have so many rows.
 
-    A band after the other, for it takes hundreds of bytes a cell.
+    It works band by band, because the reduction takes hundreds of bytes a cell.
 
     Returns
     -------
     reduce.Codes
-        The codes.
+        Most frequent codes, their shares, and all codes that occur.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
@@ -105,7 +105,7 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
 def of_level(
     plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
 ) -> DisplayedCells:
-    """Return the displayed cells of a part of a level, as it is stored; plane: the same map of the survey."""
+    """Return the displayed cells of a part of a stored level; plane: the same map of the survey."""
     name = str(plane.name)
 
     def read(name: str) -> np.ndarray:
@@ -123,22 +123,22 @@ def of_level(
 
 
 def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
-    """Return an open survey, or a slice of it, with one map alone, in so few cells that a picture has room for them.
+    """Return an open survey, or a slice of it, with a single map reduced to so few cells that a picture has room.
 
     Parameters
     ----------
     opened : OpenGroup | None
-        Of the same survey or slice; without levels in the store the map is read in whole.
+        Opens groups of the same survey or slice; if its store has no levels, the whole map is read.
 
     Returns
     -------
     xr.Dataset
-        The reduced map.
+        The reduced map and the status.
 
     Raises
     ------
     SurveyError
-        : there is no such map, or it cannot be read.
+        There is no such map, or it cannot be read.
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
@@ -165,12 +165,12 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
 
 
 def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Levels of a survey, or of a slice of it, by how a group of its store is opened."""
+    """Return a function that opens a level of a survey, or of a slice of it."""
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 
 def _step(cells: Pair, number: int) -> Pair:
-    """How many cells become one in a halving of this number, if an axis is halved until it has its due."""
+    """Return how many cells become one in a halving of this number, while an axis still needs halving."""
     return (2 if cells[0] >> number > 1 else 1), (2 if cells[1] >> number > 1 else 1)
 
 
@@ -179,29 +179,29 @@ def _number_of_codes(plane: xr.DataArray) -> int:
 
 
 def _status(states: reduce.Codes) -> np.ndarray:
-    """Return the status of the cells: failed if one did."""
+    """Return the status of reduced cells: failed if one of their cells failed."""
     failed = (states.occurs >> FAILED & 1).astype(bool)
     found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
     return found
 
 
 def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
-    """How many cells along an axis of so many some cells of a level have, which have `cells` but for the last one."""
+    """Return the number of cells of an axis in each cell of a level, which is `cells` except at the end."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found
 
 
 def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
-    """Return codes, each the most frequent one or a rarer one.
+    """Return displayed codes: the most frequent code of a cell, or a rarer one.
 
-    Of the codes of a cell but the most frequent one, the one is displayed that is in the fewest of the cells about it,
-    or else of this picture; rows, columns: how many cells of the survey these have.
+    Among the other codes of a cell, the one that occurs in the fewest cells around it is displayed, or else in the
+    fewest of this picture; rows, columns: numbers of the survey's cells in these.
 
     Returns
     -------
     DisplayedCells
-        The displayed cells.
+        Codes as float32, with their shares.
     """
     values = found.most.astype(np.int64)
     others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
@@ -222,7 +222,7 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
 
 
 def _around(cells: np.ndarray) -> np.ndarray:
-    """How many of the cells about each are among these."""
+    """Return how many of the cells about each are set."""
     size = 2 * NEAR + 1
     sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
     found: np.ndarray = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
@@ -232,7 +232,7 @@ def _around(cells: np.ndarray) -> np.ndarray:
 def _shares(
     found: reduce.Codes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
 ) -> dict[int, float]:
-    """Shares of codes: exact where all cells are known, and no cell of a level has more than two codes."""
+    """Return the shares of codes: exact if all cells are known and no cell of a level has more than two codes."""
     known = sizes[found.occurs > 0].sum()
     each = (1 - found.share) / np.maximum(np.bitwise_count(others), 1)
     return {
@@ -242,12 +242,12 @@ def _shares(
 
 
 def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
-    """Return numbers: the mean, or an extreme that is rare; none where having none is rare."""
+    """Return displayed numbers: the mean, or an extreme if it is rare; none where cells without a number are rare."""
     mean, least, largest, share = statistics.astype(float)
     with np.errstate(invalid="ignore"):
         above, below = largest - mean, mean - least
         values = mean.copy()
-        if np.issubdtype(plane.dtype, np.integer):  # a number that there is
+        if np.issubdtype(plane.dtype, np.integer):  # a mean of integers would not be a value of the map
             values = np.where(above < below, largest, least)
         values = np.where(above > RARE * below, largest, values)
         values = np.where(below > RARE * above, least, values)

@@ -1,4 +1,4 @@
-"""How a map is looked at: a part of the plane, what its colours span, the lines on it, and what is written below."""
+"""Options of a map's picture: part of the plane, range of colours, lines, and caption."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import OF_PERIODIC, SLOT
 from rattle.curves import NAMES
 
-if TYPE_CHECKING:  # a second for who draws, not for who asks
+if TYPE_CHECKING:  # takes a second to import, and only drawing needs it
     import xarray as xr
     from matplotlib.colors import Normalize
 
@@ -23,26 +23,26 @@ Span = Literal["auto", "robust", "full"]
 Form = Literal["png", "svg", "pdf"]
 
 ROBUST = (2.0, 98.0)  # percentiles
-#: Beside bifurcation curves: the boundary crisis, the design limit, the codimension-two points.
+#: Lines other than bifurcation curves: the boundary crisis, the design limit, the codimension-two points.
 CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
-#: Maps that follow from what a store has of families: the largest one of each cell, among all or among those that
-#: rattle, and the share of one.
+#: Maps computed from a store's families: the largest family of each cell, among all or among those that
+#: rattle, and the share of one family.
 LARGEST, SHARE = "largest_family", "family_fraction"
-#: Maps that only a survey has: windows are not computed finer for them.
+#: Maps that exist for surveys only: windows of them are not computed finer.
 SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
-#: Of a survey whose slots are those of families too, which windows do not join.
+#: Further such maps of a survey whose slots follow families, because a window has no families.
 IN_SLOTS = frozenset(quantity.name for quantity in QUANTITIES if SLOT in quantity.dims)
 AMONG, WHICH = "among", ("all", "rattling")
 LINES = (*NAMES, CRISIS, LIMIT, POINTS)
-#: Styles of those lines that are no bifurcation curves, as `rattle.plot.STYLES` has them.
+#: Styles of lines other than bifurcation curves, in the form of `rattle.plot.STYLES`.
 OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LIMIT: ("#b8860b", "-")}
 USUAL_SHARE = 0.9  # the least P(quiet) of a design limit
-COVERED = 0xC4 / 0xFF  # how much is covered of the cells in which a chosen family is not
+COVERED = 0xC4 / 0xFF  # opacity of the cover over cells without the chosen family
 OPACITY = 0.3  # opacity of the interval of a design limit
 
 
 def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
-    """Return whether windows of a map are not computed finer: they have nothing that is its."""
+    """Return whether a map exists for surveys only, so that windows of it cannot be computed finer."""
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
 
@@ -50,9 +50,9 @@ def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
 class Look:
     """Options of a picture: window, colours, lines, family and caption.
 
-    delta, epsilon: (low, high) of the window, None: of all cells. span: the colours go as in all pictures, over the
-    middle 96 % of the values, over all, or from low to high; log: evenly in the logarithm. lines: some of LINES, None:
-    those that explain the map. family: the cells in which it is not are dimmed. caption: the text below.
+    delta, epsilon: (low, high) of the window, None for all cells. span: range of the colours: the usual one, the middle
+    96 % of the values, all values, or (low, high); log: logarithmic colours. lines: some of LINES, None for the ones
+    that explain the map. family: cells without it are dimmed. caption: text below the map.
     """
 
     delta: Pair | None = None
@@ -64,16 +64,16 @@ class Look:
     caption: str = ""
 
     def cut(self, dataset: xr.Dataset) -> xr.Dataset:
-        """Return the cells of a survey that the window shows, and those around them."""
+        """Return the cells of a survey inside the window, and those around them."""
         windows = {"delta": self.delta, "epsilon": self.epsilon}
         return dataset.isel({axis: _around(dataset[axis].values, *at) for axis, at in windows.items() if at})
 
     def with_caption(self, caption: str) -> Look:
-        """Return the same, with this written below."""
+        """Return a copy with this caption."""
         return replace(self, caption=caption)
 
     def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
-        """Return the scale of the colours of these values, which pictures have on this one."""
+        """Return the colour scale for these values, given the usual one."""
         from matplotlib.colors import LogNorm, Normalize
 
         low, high, _ = limits_of(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)
@@ -97,10 +97,10 @@ class Finer:
 
 @dataclass(frozen=True)
 class Over:
-    """Drawings over a map that take longer to find than to draw.
+    """Overlays that take longer to compute than to draw.
 
     lines: points (k, 2) of CRISIS and of LIMIT, NaN between pieces. band: dampings (n,), and the ends of the interval
-    of the limit there, NaN where it is open. finer: drawn where it has a value.
+    of the limit there, NaN where it is open. finer: finer cells, drawn where they have a value.
     """
 
     lines: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -112,7 +112,7 @@ NOTHING_OVER = Over()
 
 
 def _around(cells: np.ndarray, low: float, high: float) -> slice:
-    """Those of ascending cells that are in a range, and one on either side: two at least, or they have no width."""
+    """Return the ascending cells inside a range and one on either side: at least two, so that they have a width."""
     first = min(max(int(np.searchsorted(cells, low)) - 1, 0), max(cells.size - 2, 0))
     return slice(first, max(int(np.searchsorted(cells, high, "right")) + 1, first + 2))
 
@@ -130,7 +130,7 @@ def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, 
 
 
 def positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
-    """Limits for a logarithmic scale, which shows positive values only; whether there can be one."""
+    """Return limits for a logarithmic scale of positive values, whether such a scale is possible, and a note."""
     above = shown[shown > 0]
     if not above.size or high <= 0:
         return low, high, False, "nothing positive to show: the scale stays linear"

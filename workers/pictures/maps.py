@@ -1,4 +1,4 @@
-"""One variable as a map over the (δ, ε) plane, without matplotlib's global state: a server draws in threads."""
+"""One variable as a map over the (δ, ε) plane, without matplotlib's global state, since servers draw in threads."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -60,9 +60,9 @@ WITHOUT_VALUE = {
         if each.group is Group.INTENSITY
     },
 }
-#: The same of a variable that is not listed, by what it is of.
+#: Such words for variables that are not listed, by their first dimension.
 WITHOUT_VALUE_OF = {SLOT: EMPTY_SLOT, "orbit": "no such orbit"}
-#: What is in a slot of attractors, by what decides it.
+#: Descriptions of a slot of attractors, by the rule that orders slots.
 SLOTS = {
     BY_FRACTION: "attractor {}, of those of a cell by falling share",
     BY_FAMILY: "slot {}, by family: a cell's other attractors are in other slots",
@@ -84,10 +84,10 @@ UNITS = {
     "distance": "impact speed, per forcing period",
     "periods": "forcing periods",
 }
-FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
-CAPTION = 110  # characters of a line
-ROOM = (512, 512)  # cells of a map, which has more pixels
-SYMMETRIC = "symmetric"  # attribute of a map whose colours are those of values about 0
+FARTHEST_DRAWN = 1e300  # matplotlib adds margins and lengths of ticks, which must not overflow
+CAPTION = 110  # the most characters in a line of the caption
+ROOM = (512, 512)  # the most cells of a drawn map, fewer than its pixels
+SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
 
@@ -100,17 +100,17 @@ def map_picture(
     form: Form = "png",
     over: Over = NOTHING_OVER,
 ) -> bytes:
-    """Return the picture of `map_figure` as a file; the other arguments are those of that.
+    """Return the picture of `map_figure`, with the same arguments, as bytes of a file.
 
     Parameters
     ----------
     form : Form
-        What is returned, a PNG, an SVG or a PDF file.
+        Format of the file, PNG, SVG or PDF.
 
     Returns
     -------
     bytes
-        Bytes of the file.
+        Content of the file.
 
     Raises
     ------
@@ -133,26 +133,26 @@ def map_figure(
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
 
-    Of more cells than there are pixels, cells become one, and what is rare among these is shown.
+    If there are more cells than pixels, cells are merged, and the rare value among them is shown.
 
     Parameters
     ----------
     variable : str
         Any variable over (epsilon, delta).
     index : int
-        Which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
+        Number of the orbit or slot, if the variable has several; of pairs the first is shown.
     opened : OpenGroup | None
-        Opens a level of the survey, which is faster than to read all cells.
+        Opens a level of the survey, which is faster than reading all cells.
     look : Look
-        A part of the plane, its colours and lines, by default as all pictures have them; with a family the survey has
-        its families as maps.
+        Part of the plane, colours and lines; by default the usual ones. With a family the survey must have its families
+        as maps.
     over : Over
-        What was found beforehand, to be drawn over it.
+        Overlays computed beforehand.
 
     Returns
     -------
     Figure
-        The figure.
+        A matplotlib figure with map, colour bar, lines and legend.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def map_figure(
         The survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
     if look.delta or look.epsilon:
-        dataset, opened = look.cut(dataset), None  # levels are of all cells
+        dataset, opened = look.cut(dataset), None  # levels cover all cells, not a window
     shown = overview(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
     with reading(f"the map of {variable}"):
@@ -185,14 +185,14 @@ def map_figure(
 
 
 def bar_label(plane: xr.DataArray) -> str:
-    """Return what a colour bar measures: the variable, with its unit if it has one."""
+    """Return the label of a colour bar: the variable, with its unit if it has one."""
     name = str(plane.name).replace("_", " ")
     unit = "" if "flag_meanings" in plane.attrs else next((UNITS[word] for word in UNITS if word in name), "")
     return f"{name}, {unit}" if unit else name
 
 
 def title_of(plane: xr.DataArray) -> str:
-    """Return what a map shows, in words."""
+    """Return the title of a map: the variable's meaning, and its orbit or slot."""
     name = str(plane.attrs.get("long_name", plane.name))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
@@ -202,20 +202,20 @@ def title_of(plane: xr.DataArray) -> str:
 
 
 def _chosen(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Say which map of several it is: an attractor is known by its slot in its cell alone."""
+    """Return the description of one map among several; an attractor is identified by its slot."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
 
 
 def without_value(plane: xr.DataArray) -> str:
-    """Return what it means that a computed cell of a map has no value, in words."""
+    """Return the words for a computed cell of a map that has no value."""
     words = (words for dim, words in WITHOUT_VALUE_OF.items() if dim in plane.coords)
     return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
 
 
 def meanings_of(plane: xr.DataArray) -> list[str]:
-    """Return what the codes of a map mean, in words."""
+    """Return the meanings of the codes of a map, in words."""
     meanings = [each.replace("_", " ") for each in plane.attrs["flag_meanings"].split()]
     if plane.name == LARGEST:
         meanings[0] = ONLY_QUIET if plane.coords[AMONG] == WHICH[1] else "undecided"
@@ -232,14 +232,14 @@ def draw_map(
     look: Look = USUAL,
     finer: Finer | None = None,
 ) -> None:
-    """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
+    """Draw a map with its colour bar; cells without a value have a colour for each reason: not computed, failed, none.
 
     Parameters
     ----------
     nothing : str
-        What it means that a computed cell has no value; by default in the words of `without_value`.
+        Words for computed cells without a value; by default those of `without_value`.
     look : Look
-        Its window, and what its colours span.
+        Window, and range of the colours.
     finer : Finer | None
         Cells that are drawn over those of the survey.
 
@@ -271,7 +271,7 @@ def draw_map(
     if finer is not None:
         shown = finer.values if not isinstance(norm, LogNorm) else np.where(finer.values > 0, finer.values, np.nan)
         _cells(axes, finer, shown, cmap, norm)
-    # axes that are drawn on have a figure, which their type leaves open
+    # drawn axes always have a figure, although their type allows None
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
     bar.set_label(bar_label(plane))
     if labels:
@@ -292,7 +292,7 @@ def draw_map(
 def valueless_layers(
     variable: str, values: np.ndarray, status: np.ndarray, nothing: str
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """Return which cells have no value, and the colour for each reason: to be computed, failed, none, infinite."""
+    """Return the cells without a value, with a colour for each reason: not computed, failed, none, infinite."""
     layers = {
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
@@ -305,7 +305,7 @@ def valueless_layers(
 
 
 def draw_legend(axes: Axes) -> None:
-    """Explain below the map what the colour bar does not, if there is anything."""
+    """Draw a legend below the map for what the colour bar does not explain, if there is anything."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, columnspacing=1.2, fontsize=8, frameon=False
@@ -313,7 +313,7 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Cover the cells in which a family is not; of cells that become one, it is in all if in any."""
+    """Dim the cells without a family; a merged cell stays bright if the family is in any of its cells."""
     share = plane_of(dataset, SHARE, family)
     with reading(f"the map of {SHARE}"):
         values = drawn_numbers(share)
@@ -338,19 +338,19 @@ def _cells(axes: Axes, at: xr.Dataset | Finer, values: np.ndarray, cmap: Colorma
 
 
 def _extend(norm: Normalize, values: np.ndarray) -> str:
-    """Return which ends of the colour bar have values beyond them."""
+    """Return the ends of the colour bar that some values exceed."""
     low, high = bool(np.any(values < norm.vmin)), bool(np.any(values > norm.vmax))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Return whether a key has a code: of families, and of the regions beside the paper's, those that are there."""
+    """Return whether a legend lists a code: families, and regions outside the paper's plane, only if they occur."""
     always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
     return always or bool((values == code).any())
 
 
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
-    """Return the colour of each code of a map whose values are codes."""
+    """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
     return own or (REGION_COLOURS if plane.name == "region" else CODE_COLOURS)
 

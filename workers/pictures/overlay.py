@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES
 
-#: Which curves explain which map.
+#: The curves that explain each map.
 CURVES_ON: dict[str, tuple[str, ...]] = {
     "region": NAMES,
     "quiet_fraction": ("SN1", "quiet_limit"),
@@ -25,7 +25,7 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 
 
 def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Over = NOTHING_OVER) -> list[np.ndarray]:
-    """Draw the lines that cross the map; returns them, (k, 2) each, NaN between pieces."""
+    """Draw the lines that cross the map, and return the points (k, 2) of each, NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
     if LIMIT in names and over.band is not None:
@@ -46,5 +46,5 @@ def _window(dataset: xr.Dataset) -> Window:
 
 
 def draw_points_over(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
-    """Mark and name the codimension-two points, away from the curves and from what is written already."""
+    """Mark and name the codimension-two points, away from the curves and from existing text."""
     plot.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)

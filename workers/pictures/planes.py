@@ -13,15 +13,15 @@ from gear_rattle.workers.survey.slices import require_slice, third_of
 from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 from rattle.attractors import PERIODIC
 
-if TYPE_CHECKING:  # half a second for who reads a survey, not for who starts a service
+if TYPE_CHECKING:  # takes half a second to import, which the start of a service does not need
     import xarray as xr
 
-#: Attribute of a map of a slot of attractors: what decides which attractor is in it. UNJOINED: by family, in the end.
+#: Attribute of a map of a slot: the rule that puts attractors into slots. UNJOINED: by family, once these are joined.
 SLOT_ORDER, UNJOINED = "slot_order", "unjoined"
 
 
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
-    """Return a variable on (epsilon, delta) alone. Raises SurveyError if there is no such map, or a third axis."""
+    """Return a variable on (epsilon, delta). Raises SurveyError if there is no such map or if there is a third axis."""
     require_slice(third_of(dataset), None)
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
@@ -40,14 +40,14 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
 
 
 def _order_of_slots(dataset: xr.Dataset) -> str:
-    """Return what decides in which slot an attractor of a survey is, as far as its tiles are by now."""
+    """Return the rule by which the attractors of a survey are in their slots at present."""
     if "family" not in dataset[SLOT].attrs.get("long_name", ""):
         return BY_FRACTION
     return BY_FAMILY if FAMILY in dataset else UNJOINED
 
 
 def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
-    """Return a map, or a part of it, without the cells whose attractor has no such number: those not periodic."""
+    """Return a map, or a part of it, without the cells whose attractor is not periodic, if it is for periodic ones."""
     if plane.name not in OF_PERIODIC:
         return plane
     kind = dataset["attractor_kind"][index].sel(delta=plane["delta"], epsilon=plane["epsilon"])
@@ -55,5 +55,5 @@ def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.Da
 
 
 def drawn_numbers(plane: xr.DataArray | np.ndarray) -> np.ndarray:
-    """Return what is drawn of a map, float64 (epsilon, delta): of complex values the modulus."""
+    """Return the drawn numbers of a map, float64 (epsilon, delta): the modulus of complex values."""
     return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)

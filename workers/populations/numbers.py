@@ -1,4 +1,4 @@
-"""Numbers of a gear in a request: each one number or a distribution."""
+"""Numbers of a gear in a request: each is one number or a distribution."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,7 +14,7 @@ MOST_MEASURED = 10_000
 
 
 class NormalNumber(Strict):
-    """A normal distribution, cut off at low and high where these are given."""
+    """A normal distribution, truncated at low and high if these are given."""
 
     distribution: Literal["normal"]
     mean: Real
@@ -24,7 +24,7 @@ class NormalNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """Distribution in the library's form. Raises ParameterError, as for the others."""
+        """The distribution in the library's form. Raises ParameterError, as those of the other classes do."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
 
@@ -38,7 +38,7 @@ class UniformNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """Distribution in the library's form."""
+        """The distribution in the library's form."""
         return Uniform(self.low, self.high)
 
 
@@ -52,12 +52,12 @@ class TriangularNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """Distribution in the library's form."""
+        """The distribution in the library's form."""
         return Triangular(self.low, self.mode, self.high)
 
 
 class LogNormalNumber(Strict):
-    """A log-normal distribution: deviation is that of the natural logarithm."""
+    """A log-normal distribution: `deviation` is that of the natural logarithm."""
 
     distribution: Literal["lognormal"]
     median: Real
@@ -65,7 +65,7 @@ class LogNormalNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """Distribution in the library's form."""
+        """The distribution in the library's form."""
         return LogNormal(self.median, self.deviation)
 
 
@@ -77,7 +77,7 @@ class MeasuredNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """Distribution in the library's form."""
+        """The distribution in the library's form."""
         return Measured(self.values)
 
 
@@ -93,12 +93,12 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
     except ValidationError as error:
         of_number, *of_distribution = error.errors()
         meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
-        where = ".".join(str(part) for part in meant["loc"][2:])  # behind the union and its tag
+        where = ".".join(str(part) for part in meant["loc"][2:])  # without the union and its tag
         said = f"{where}: {words_of(meant)}" if where else words_of(meant)
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
-#: What is wrong with it is said of what it was meant to be, not of both.
+#: A message about a wrong value describes the intended form only, a number or a distribution.
 Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 
@@ -111,25 +111,25 @@ else:
 class GearNumbers(_Numbers):
     """Numbers of a gear: delta, epsilon, beta and the parameters that its model adds.
 
-    Or those of a machine in SI units as `rattle.Machine` has them, with rpm.
+    They may also be those of a machine in SI units as `rattle.Machine` takes them, with rpm.
     """
 
     drive: Literal["torque", "speed"] | None = None
 
     @property
     def meant(self) -> dict[str, Any]:
-        """Given numbers, as the library takes them. Raises ParameterError."""
+        """The given numbers in the library's form. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: meant(value) for name, value in given.items() if value is not None}
 
 
 def meant(value: Any) -> Any:
-    """Return a number, or the distribution that is meant. Raises ParameterError."""
+    """Return a number, or a distribution in the library's form. Raises ParameterError."""
     return getattr(value, "meant", value)
 
 
 def as_requested(value: Any) -> Any:
-    """Return a number as it is, a distribution as a request has it."""
+    """Return a number unchanged, or a distribution in the form of a request."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

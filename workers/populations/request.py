@@ -19,24 +19,24 @@ from rattle.models import ADDED, MODELS
 from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
 
 MAX_TILE_GEARS = 65_536
-FEWEST = 64  # gears of a default tile, where each is soon told
-LOOKED_AT = 64  # gears, for how long one takes
+FEWEST = 64  # least gears of a default tile, where each takes little time
+LOOKED_AT = 64  # first gears, whose least damping sets the size of tiles
 
 
 class ShockGiven(Strict):
-    """A knock that parts resting teeth: its speed, m/s of a machine, and its phase, by default any."""
+    """A knock that parts resting teeth: its speed, in m/s for a machine, and its phase, by default a random one."""
 
     speed: Real | AnyDistribution
     phase: Real | AnyDistribution | None = None
 
 
 class PopulationRequest(Strict):
-    """A population of gears: the body of `POST /v1/populations`; all but the gear has a default.
+    """A population of gears: the body of `POST /v1/populations`; every field but the gear has a default.
 
-    gear: its numbers, one or more of them a distribution. correlation: a matrix of those that vary, its rows in the
-    order of the fields of `gear`. gears: how many; count: states that each begins from; share, or margin: which gears
-    pass, by their share of quiet runs or by the margin of quiet running, of `judged` that are asked. pairs: gears with
-    others that share numbers, for Sobol indices. tile: gears of a task and a chunk.
+    gear: its numbers, at least one of them a distribution. correlation: correlation matrix of the varying numbers, in
+    the order of the fields of `gear`. gears: their number; count: initial states of each; share, or margin: a gear
+    passes if its share of quiet runs, or its boundary distance, is at least that; `judged` gears are tested for it.
+    pairs: gears with partners that share numbers, for Sobol indices. tile: gears of a task and a chunk.
     """
 
     name: Name = ""
@@ -56,7 +56,7 @@ class PopulationRequest(Strict):
     @model_validator(mode="after")
     def _meant(self) -> Self:
         """Refuse the values that the library refuses: ParameterError is a ValueError."""
-        # The library refuses a restitution above 1 where it is drawn, which may be in the last tile.
+        # The library refuses a restitution above 1 only when it is drawn, which may be in the last tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
             if isinstance(value, Distribution) and value.range[1] > each.greatest:
@@ -74,7 +74,7 @@ class PopulationRequest(Strict):
 
     @cached_property
     def plan(self) -> Plan:
-        """The question as the library takes it. Raises ParameterError."""
+        """The plan of the population in the library's form. Raises ParameterError."""
         shock = None
         if self.shock is not None:
             phase = {} if self.shock.phase is None else {"phase": meant(self.shock.phase)}
@@ -85,7 +85,7 @@ class PopulationRequest(Strict):
 
     @property
     def quantities(self) -> tuple[Group, ...]:
-        """Groups of a survey that it has: none."""
+        """Groups of variables of a survey: a population has none."""
         return ()
 
     @property
@@ -95,24 +95,24 @@ class PopulationRequest(Strict):
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that one of its gears has beside δ, ε and β, by name."""
+        """Parameters of one of its gears beside δ, ε and β, by name."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
     @cached_property
     def least_damping(self) -> float:
-        """The least damping of the first gears."""
+        """The least damping among the first gears."""
         few = self.plan.values(np.arange(min(LOOKED_AT, self.gears)))
         return float(self.plan.tolerances.points(few).parameters.delta.min())
 
     @property
     def shape(self) -> tuple[int]:
-        """Rows: gears of all parts."""
+        """Number of rows: the gears of all parts."""
         return (self.plan.rows,)
 
     @cached_property
     def tile_shape(self) -> tuple[int]:
-        """Gears of a tile; the last one may be smaller."""
+        """Number of gears of a tile; the last tile may have fewer."""
         if self.tile is not None:
             return (min(self.tile, self.plan.rows),)
         samples = MODELS[self.model].tile_samples
@@ -123,27 +123,27 @@ class PopulationRequest(Strict):
 
     @property
     def n_cells(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return self.plan.rows
 
     @property
     def n_tiles(self) -> int:
-        """Tiles that cover the rows."""
+        """Number of tiles that cover the rows."""
         return -(-self.n_cells // self.tile_shape[0])
 
     @property
     def n_slices(self) -> int:
-        """Number of slices, that of a survey without a third axis."""
+        """Number of slices, 1 as in a survey without a third axis."""
         return 1
 
     @property
     def tile_grid(self) -> tuple[int, int]:
-        """One row of tiles."""
+        """Rows and columns of tiles: a single row."""
         return 1, self.n_tiles
 
     @property
     def samples(self) -> int:
-        """States that are followed at least, those of gears that are judged included."""
+        """The least number of states to follow, with those for judged gears."""
         judging = self.plan.looks[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.judging * judging
 

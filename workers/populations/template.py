@@ -1,4 +1,4 @@
-"""The empty store of a population: every array and attribute that it will ever have."""
+"""The empty store of a population: all its arrays and attributes."""
 
 import json
 from typing import Any
@@ -17,7 +17,7 @@ KIND = "population"
 
 
 def template_of(request: PopulationRequest, created: str | None = None) -> Template:
-    """Return what a population's store consists of before its first tile."""
+    """Return the files of a population's store before its first tile."""
     kept: dict[str, Buffer] = {}
     created = created or now()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
@@ -28,7 +28,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
 
 
 def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return what tiles write to, in memory, as `gear_rattle.workers.survey.template.blank` does."""
+    """Return empty arrays of a tile in memory, as `gear_rattle.workers.survey.template.blank` does."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of(request)
@@ -37,7 +37,7 @@ def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr
 
 
 def _chunks(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
-    """Return the key of each variable's chunks, with {column}."""
+    """Return the pattern of each variable's chunk keys, with {column} for the number of the chunk."""
     return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
 
 

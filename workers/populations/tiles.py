@@ -1,4 +1,4 @@
-"""Tiles of a population: rows that are computed at once, by a pure function."""
+"""Tiles of a population: groups of rows, each computed by a pure function."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,7 @@ from rattle.populations import Gears, computed
 
 @dataclass(frozen=True)
 class GearTile:
-    """Rows that are one chunk of every variable."""
+    """Rows of a tile, which are one chunk of every variable."""
 
     index: int
     gear: slice
@@ -35,12 +35,12 @@ class GearTile:
 
     @property
     def spans(self) -> tuple[slice]:
-        """Its part of the rows."""
+        """Slices of the tile, one for each axis."""
         return (self.gear,)
 
     @property
     def at(self) -> tuple[slice, EllipsisType]:
-        """Its part of a variable."""
+        """Index of the tile in a variable."""
         return self.gear, ...
 
 
@@ -62,7 +62,7 @@ def compute_tile(
             arrays, failed = _evaluate(request, tile.gear), list[FailedCell]()
         except MACHINE_FAILURES:
             raise
-        except Exception:  # whatever the model raises is that gear's result
+        except Exception:  # an error of the model is the result of that gear
             arrays, failed = _gather(request, tile, cell_outcomes(request, tile))
     undecided = int(np.sum(arrays["status"] == SOME_UNDECIDED))
     record = TileRecord(tile.index, tile.n_cells, tuple(failed), undecided, time.perf_counter() - began)
@@ -72,7 +72,7 @@ def compute_tile(
 def cell_outcomes(
     request: PopulationRequest, tile: GearTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
-    """Evaluate each gear alone from number `first` of the tile; arguments are those of a survey's."""
+    """Evaluate each gear of a tile alone, from number `first`, as `survey.tiles.cell_outcomes` does for cells."""
     for row in range(tile.gear.start + first, tile.gear.stop):
         try:
             yield _evaluate(request, slice(row, row + 1))
@@ -83,7 +83,7 @@ def cell_outcomes(
 
 
 def described(request: PopulationRequest, tile: GearTile) -> str:
-    """Return how messages name a tile."""
+    """Return the name of a tile in messages."""
     numbers = ", ".join(request.plan.tolerances.names)
     return f"tile {tile.index} (gears {tile.gear.start} to {tile.gear.stop - 1} of a population that varies {numbers})"
 

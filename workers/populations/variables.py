@@ -1,4 +1,4 @@
-"""Variables of each gear in a population's store."""
+"""Variables of each gear in the store of a population."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Evaluate = Callable[[PopulationRequest, Gears], Any]
 
 @dataclass(frozen=True)
 class PopulationVariable:
-    """A stored variable: its schema, and how rows get its values."""
+    """A stored variable: its schema, and the function that computes its rows."""
 
     name: str
     dims: tuple[str, ...]
@@ -50,7 +50,7 @@ class PopulationVariable:
         return found
 
     def shape(self, request: PopulationRequest, rows: int) -> tuple[int, ...]:
-        """Its shape for so many rows."""
+        """Return its shape for so many rows."""
         return (rows, request.count) if SAMPLE in self.dims else (rows,)
 
 
@@ -107,7 +107,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
 
 
 def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> Gears:
-    """Return the rows of a population from its stored variables, which `read` gets by their names."""
+    """Return the rows of a population from its stored variables, which `read` returns by name."""
     names = request.plan.tolerances.names
     values = np.stack([read(name) for name in names], axis=1)
     delta, epsilon, beta = (read(name) for name in ("delta", "epsilon", "beta"))

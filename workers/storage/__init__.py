@@ -1,1 +1,1 @@
-"""A directory or a bucket, the store in it, its integrity, and what leaves it."""
+"""Directories and buckets, the stores in them, their integrity, and copies and exports."""

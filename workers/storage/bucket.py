@@ -1,7 +1,7 @@
 """A store on S3-compatible object storage, reached through obstore.
 
-There is no rename there and no lock of the system. A store is whole once its root `zarr.json` is there, which is put
-last, and only if nobody else has put one; it is deleted in the opposite order. Settings are those of obstore: the
+A bucket has neither rename nor locks. A store is whole once its root `zarr.json` is there, which is written last, and
+only if no other process has written one; deletion is in the opposite order. Settings are those of obstore: the
 variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, and AWS_ALLOW_HTTP for tests.
 """
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-#: A prefix with one of these is ours, and no store: its creation or deletion was begun, or a run holds it.
+#: Markers of a prefix that is not only a store: its creation or deletion has begun, or a run has locked it.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
-#: A request is tried again for so long before the survey has to wait; so many times, which 60 s do not suffice for: a
-#: server that restarts refuses connections at once.
+#: A failed request is repeated for so many seconds before the survey has to wait. The number of retries is never
+#: reached in that time, even when a restarting server refuses connections at once.
 RETRIES, RETRY_SECONDS = 1000, 60
 
 
@@ -39,7 +39,8 @@ class Bucket:
     url
         `s3://BUCKET/PREFIX`.
     owned
-        Who asks is known to be the only writer, as a service is that holds its job database; no lock is taken.
+        True if the caller is known to be the only writer, as a service with a locked job database is; no lock is taken
+        then.
 
     Raises
     ------
@@ -56,15 +57,15 @@ class Bucket:
         self.objects = _connect(self.url)
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the URL."""
         return self.url
 
     def zarr(self) -> ObjectStore:
-        """Return what zarr opens."""
+        """Return the store that zarr opens."""
         return ObjectStore(self.objects)
 
     def occupied(self) -> bool:
-        """Return whether anything is here but what a killed creation left."""
+        """Return whether anything is here except the remains of a killed creation."""
         with self.reaching():
             if self.has(ROOT) or self.has(DELETING):
                 return True
@@ -105,7 +106,7 @@ class Bucket:
             yield from (each["path"] for each in batch)
 
     def children(self) -> list[str]:
-        """Return the first parts of the keys below."""
+        """Return the names one level below the prefix."""
         import obstore
 
         with self.reaching():
@@ -113,36 +114,36 @@ class Bucket:
         return [prefix.rstrip("/").rpartition("/")[2] for prefix in found["common_prefixes"]]
 
     def deletion_begun(self) -> bool:
-        """Return whether a deletion was begun and has not ended."""
+        """Return whether a deletion has begun and not ended."""
         with self.reaching():
             return self.has(DELETING)
 
     @contextmanager
     def reaching(self) -> Iterator[None]:
-        """Turn what obstore raises into errors of this project.
+        """Turn errors of obstore into errors of this project.
 
         Raises
         ------
         StorageError
             The object store does not answer, or fails.
         SurveyError
-            It refuses: the credentials, or the bucket, are wrong.
+            The object store refuses: the credentials, or the bucket, are wrong.
         """
         from obstore import exceptions
 
         try:
             yield
         except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError) as error:
-            raise SurveyError(f"{self} may not be used ({_first_line(error)}): look at the credentials") from error
+            raise SurveyError(f"{self} may not be used ({_first_line(error)}): check the credentials") from error
         except exceptions.BaseError as error:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
             raise StorageError(
-                f"{self} cannot be reached ({_first_line(error)}): the survey goes on once it can"
+                f"{self} cannot be reached ({_first_line(error)}): the survey continues when it can"
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:
-        """Create the store: its root is put last, unless another run has put one meanwhile."""
+        """Create the store; its root is written last, unless another run has written one meanwhile."""
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
@@ -155,28 +156,28 @@ class Bucket:
             obstore.delete(self.objects, CREATING)
 
     def put(self, key: str, content: bytes) -> None:
-        """Write an object, or replace it at once. Raises what `reaching` does."""
+        """Write or replace an object in one step. Raises what `reaching` does."""
         import obstore
 
         with self.reaching():
             obstore.put(self.objects, key, content)
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove objects; those that are not there are left out. Raises what `reaching` does."""
+        """Remove objects; missing ones are ignored. Raises what `reaching` does."""
         import obstore
 
         with self.reaching():
             obstore.delete(self.objects, list(keys))
 
     def sweep(self) -> None:
-        """Remove what a killed creation left: its marker."""
+        """Remove the marker of a killed creation."""
         import obstore
 
         with self.reaching():
             obstore.delete(self.objects, CREATING)
 
     def delete(self) -> None:
-        """Delete the store. Its root goes first, so that no half of it is ever taken for a store."""
+        """Delete the store. Its root is removed first, so that a half-deleted store is never taken for a store."""
         import obstore
 
         with self.reaching():
@@ -190,14 +191,14 @@ class Bucket:
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Hold the store for one run, by an object that names it.
+        """Lock the store for one run, by an object that names the run.
 
         Raises
         ------
         StorageError
             The object store fails.
         SurveyError
-            Another run holds the store, or was killed on another machine and holds it still.
+            Another run has locked the store, or was killed on another machine and left its lock.
         """
         if self._owned:
             yield
@@ -230,14 +231,14 @@ class Bucket:
                 obstore.put(self.objects, LOCK, mine, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
-            holder = {}  # released or taken over this moment
+            holder = {}  # the lock was released or taken over at this moment
         except (ValueError, TypeError, KeyError):
             holder = {"process": "unknown"}
         who = (
             f" (process {holder.get('process')} on {holder.get('host')} since {holder.get('since')})" if holder else ""
         )
         raise SurveyError(
-            f"{self} is being computed by another run{who}: wait for it, or choose another place. If that run was"
+            f"{self} is being computed by another run{who}: wait for it, or choose another location. If that run was"
             f" killed, delete the object {self}/{LOCK}"
         )
 
@@ -259,7 +260,7 @@ def _connect(url: str) -> "S3Store":
             retry_config={"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)},
         )
     except (BaseError, ValueError) as error:
-        raise SurveyError(f"{url} cannot be used ({_first_line(error)}): look at the variables AWS_…") from error
+        raise SurveyError(f"{url} cannot be used ({_first_line(error)}): check the variables AWS_…") from error
 
 
 def _first_line(error: BaseException) -> str:

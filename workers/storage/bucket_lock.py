@@ -1,4 +1,4 @@
-"""Hold the lock of a store in a bucket, and find out whether its holder has died."""
+"""Identify the holder of a lock in a bucket, and find out whether it has died."""
 
 import os
 import socket
@@ -11,7 +11,7 @@ import psutil
 
 
 def identity() -> dict[str, Any]:
-    """Return this process, so that another one on the same machine can tell whether it lives."""
+    """Return the identity of this process, by which another process on the same machine can tell whether it lives."""
     return {
         "host": socket.gethostname(),
         "boot": _boot(),
@@ -30,7 +30,7 @@ def _boot() -> str:
 
 
 def has_died(holder: dict[str, Any]) -> bool:
-    """Return whether a process is known to have ended: of another machine, or before a reboot, nothing is known."""
+    """Return whether a process is known to have ended, which is unknown for other machines and before a reboot."""
     if not _boot() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot()):
         return False
     try:

@@ -1,4 +1,4 @@
-"""Complex variables, which are stored as `…_real` and `…_imag`: few readers of zarr or NetCDF know such numbers."""
+"""Store complex variables as `…_real` and `…_imag`, because few readers of zarr or NetCDF know complex numbers."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ PARTS_ONLY = ("dtype", "fill_value")  # encodings of a part: a whole written wit
 
 
 class Both(BackendArray):
-    """A complex array from its parts, read when it is asked for."""
+    """A complex array that is read lazily from its real and imaginary part."""
 
     def __init__(self, real: xr.Variable, imaginary: xr.Variable) -> None:
         self.real, self.imaginary = real, imaginary
@@ -31,7 +31,7 @@ class Both(BackendArray):
 
 
 def join_complex(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the dataset with complex variables in the place of their parts; nothing is read."""
+    """Return the dataset with complex variables in place of their parts; no values are read."""
     found: dict[str, Any] = {}
     for name, values in dataset.variables.items():
         stem = str(name).removesuffix(REAL)
@@ -48,14 +48,14 @@ def join_complex(dataset: xr.Dataset) -> xr.Dataset:
     order = [str(name).removesuffix(REAL) for name in dataset.data_vars]
     bare = dataset.drop_vars([stem + part for stem in found for part in (REAL, IMAGINARY)])
     whole = bare.assign(found)
-    whole.attrs.pop(CONVENTIONS, None)  # CF knows no complex numbers: a file of these does not keep it
+    whole.attrs.pop(CONVENTIONS, None)  # CF has no complex numbers, so a file with these cannot claim it
     return whole[[name for name in order if name in whole]]
 
 
 def split_complex(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a dataset whose complex variables are two real ones each, `…_real` and `…_imag`, as stores have them.
+    """Return a dataset with each complex variable split into two real ones, `…_real` and `…_imag`, as stores have them.
 
-    Files for other programs need it: the CF conventions know no complex numbers.
+    Files for other programs need this, because the CF conventions have no complex numbers.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def split_complex(dataset: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        The same numbers; `to_netcdf` writes a file of them that keeps the CF conventions.
+        The same numbers; `to_netcdf` writes them to a file that keeps the CF conventions.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A copy of a store elsewhere: each file is compared with its digest when it is read, and where it was written."""
+"""Copy a store elsewhere: each file is compared with its digest at the source and at the target."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gear_rattle.workers.storage.location import Directory, Place, place_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 
 ZIP = ".zip"
-READERS = 8  # files at a time: a bucket answers each after a while
-BATCH = 256  # files that are in memory at most
+READERS = 8  # files read at a time, because a bucket answers slowly
+BATCH = 256  # the most files in memory
 
 
 class Copied(NamedTuple):
-    """Result of a copy: all its files, their bytes, and how many of them were there already."""
+    """Result of a copy: the number of files, their bytes, and the number of files that were there already."""
 
     files: int
     size: int
@@ -30,14 +30,14 @@ class Copied(NamedTuple):
 
 
 class Files(Protocol):
-    """Anything that has files by their keys."""
+    """A collection of files by key, to copy from."""
 
     def read(self, key: str) -> bytes:
         """Return a file. Raises OSError."""
 
 
 class ZipStore:
-    """A store in a zip file, as zarr has it: members are not compressed, because chunks are."""
+    """A store in a zip file, as zarr reads it: members are not compressed, because chunks are."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -47,7 +47,7 @@ class ZipStore:
             raise SurveyError(f"{path} cannot be opened ({error}): give a zip file that `rattle copy` wrote") from error
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the path."""
         return str(self.path)
 
     def read(self, key: str) -> bytes:
@@ -63,17 +63,17 @@ def copy_store(
 ) -> Copied:
     """Copy a survey, finished or not, to a directory, a bucket or a zip file.
 
-    A copy that was interrupted is continued: files that are there and whole are kept. The copy is a store once its
-    root is there, which is written last; a zip file appears whole.
+    The same call continues an interrupted copy: whole files that are there are kept. The copy is a store once its root
+    is written, which comes last; a zip file appears at the end.
 
     Parameters
     ----------
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        The same, where nothing is, or an interrupted copy of this store.
+        Path, s3:// URL or zip file where nothing is, or an interrupted copy of this store.
     on_file
-        Called with the number of files that are there, and of all.
+        Called with the number of copied files, and of all.
 
     Returns
     -------
@@ -83,9 +83,9 @@ def copy_store(
     Raises
     ------
     SurveyError
-        The source is no store, or a file of it is damaged; or something else is at the target.
+        The source is not a store, or one of its files is damaged; or something else is at the target.
     StorageError
-        The target cannot be written, or is not what was written to it.
+        The target cannot be written, or does not read back as it was written.
     """
     files = _files(source)
     manifest, content = _manifest(files)
@@ -94,9 +94,9 @@ def copy_store(
     place = place_of(target)
     before = _known(place)
     if before is not None and before.content_hash != manifest.content_hash:
-        raise SurveyError(f"{place} holds another survey: choose another place, or remove that one")
+        raise SurveyError(f"{place} holds another survey: choose another location, or remove that one")
     if before is None and place.occupied():
-        raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another place")
+        raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another location")
     try:
         if isinstance(place, Directory):
             place.path.mkdir(parents=True, exist_ok=True)
@@ -133,7 +133,7 @@ def _known(place: Place) -> Manifest | None:
 
 
 def _keys(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every file but the manifest, with the digests that it may have; the root is the last."""
+    """Yield every file but the manifest, with the digests that it may have; the root is the last."""
     for key, known in manifest.files.items():
         yield key, (known,)
     for tile in manifest.tiles:
@@ -157,8 +157,8 @@ def _read(files: Files, key: str, known: Sequence[str]) -> bytes:
         content = None
     if content is None or digest(key, content) not in known:
         raise SurveyError(
-            f"{key} of {files} is {'lost' if content is None else 'damaged'}, and nothing is copied that is not whole: "
-            "rattle verify names all such files, and the command that computed the survey computes them again"
+            f"{key} of {files} is {'lost' if content is None else 'damaged'}, so the survey cannot be copied: "
+            "rattle verify lists all such files, and the command that computed the survey computes them again"
         )
     return content
 
@@ -237,7 +237,7 @@ def _number(manifest: Manifest) -> int:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[Path]:
-    """Yield a path beside another, whose place it takes once it is whole."""
+    """Yield a path beside another one, and move the file there when it is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -1,4 +1,4 @@
-"""A survey as a file for other programs, a band of rows at a time: however large it is, it takes little memory."""
+"""Write a survey as a file for other programs, a band of rows at a time, which takes little memory."""
 
 import tempfile
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -15,11 +15,11 @@ from gear_rattle.workers.survey.slices import slices_of, third_of
 from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
-ROWS = 32  # of the grid, where the store does not say how many its chunks have
-CELLS = 16_384  # that are text at the same time
+ROWS = 32  # rows of a band, if the store does not say how many its chunks have
+CELLS = 16_384  # the most cells that are text at the same time
 
 
-#: The dimension of which each entry gets a row of its own, and what says that it is one.
+#: The dimension whose entries have rows of their own, and the variable that says whether an entry exists.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
@@ -29,12 +29,12 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
     Returns
     -------
     IO[bytes]
-        The file, open at its beginning. It has no name any more: it is gone when it is closed, whatever happens.
+        The file, open at its beginning. It has no name any more, so it vanishes when it is closed.
     """
     rows = _rows(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
-        # at once: to open the file again for each variable took most of a small survey
+        # all variables at once: opening the file again for each took most of the time of a small survey
         whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}))
         whole.attrs = {name: value for name, value in whole.attrs.items() if value is not None}
         _append(whole, path, "w", rows)
@@ -49,20 +49,20 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.ndim and values.dtype.kind in "biuf":  # HDF5 has no checksums of texts
             encoding[name]["fletcher32"] = True
-        if values.dims[-2:] == CELL:  # or HDF5 would compress what a band is a part of again and again
+        if values.dims[-2:] == CELL:  # or HDF5 would compress chunks that several bands share repeatedly
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
     written = dataset.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
-    written.compute(scheduler="synchronous")  # one band after the other, here, whatever cluster this process knows
+    written.compute(scheduler="synchronous")  # one band after the other, in this process, never on a cluster
 
 
 def _rows(dataset: xr.Dataset) -> int:
-    """Rows of the grid that one row of tiles has."""
+    """Return the number of rows of a band: those of a row of tiles."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
 def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
-    """Read these variables, or all: a file that is being sent cannot be taken back. Raises DamageError."""
+    """Read these variables, or all, since a file cannot be withdrawn while it is sent. Raises DamageError."""
     rows = _rows(dataset)
     for name in dataset.variables if names is None else names:
         for one in slices_of(dataset[[name]]):
@@ -76,7 +76,7 @@ def _read(values: xr.DataArray, rows: int) -> None:
 
 
 def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
-    """Return the variables that a table has. Raises SurveyError if the survey has none of this form."""
+    """Return the variables of a table. Raises SurveyError if the survey has none of this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
     def belongs(dims: tuple[Hashable, ...]) -> bool:
@@ -91,10 +91,8 @@ def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]
 def tables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
     """Yield the table of an open survey, as it is stored, in bands.
 
-    Columns by their names, δ running first, then ε, then a third axis.
-
-    Of a tidy form only entries that are one have a row, and what has a number or a name besides, as of an exponent, is
-    a column for each.
+    δ varies fastest, then ε, then a third axis. In the forms `attractors` and `orbits` each attractor or orbit that
+    exists has a row; a variable with a further dimension, such as the exponent, has a column for each of its values.
 
     Yields
     ------
@@ -125,15 +123,7 @@ def _table(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Return the values along one axis, in every cell of a band.
-
-    They are the speeds and eccentricities of a machine's survey.
-
-    Returns
-    -------
-    np.ndarray
-        The values of a band.
-    """
+    """Return the values along one axis, in every cell of a band: the speeds or eccentricities of a machine's survey."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
@@ -158,7 +148,7 @@ def _tidy(
 
 
 def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[str]:
-    """Yield a table as lines of CSV."""
+    """Yield a table as text of CSV, in pieces of several lines."""
     for number, columns in enumerate(tables(dataset, form)):
         if number == 0:
             yield ",".join(columns) + "\r\n"
@@ -168,17 +158,17 @@ def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[st
 
 
 def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[bytes]:
-    """Return a table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
+    """Return a table as a Parquet file, with the attributes of the survey as its metadata.
 
     Returns
     -------
     IO[bytes]
-        The file.
+        The file, open at its beginning, which vanishes when it is closed.
 
     Raises
     ------
     MissingExtraError
-        Without pyarrow.
+        pyarrow is not installed.
     """
     try:
         import pyarrow
@@ -199,10 +189,10 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
 
 
 def _texts(column: np.ndarray) -> list[str]:
-    """Numbers that read back as they are; nothing for NaN."""
+    """Return numbers as texts that read back to the same value; an empty text for NaN."""
     if column.dtype == bool:
         column = column.astype(np.int8)
-    if column.dtype == np.float32:  # or 0.1 would become 0.10000000149011612
+    if column.dtype == np.float32:  # `repr` of a double would write 0.1 as 0.10000000149011612
         return ["" if np.isnan(value) else str(value) for value in column]
     if column.dtype.kind not in "iuf":
         return [str(value) for value in column]

@@ -1,6 +1,6 @@
 """Check that a store still holds the written bytes: every file in its place and unchanged.
 
-The manifest has the digest of every file by its key, because a chunk's own checksum knows no position.
+The manifest has the digest of every file by its key, because a chunk's own checksum does not include its position.
 """
 
 import warnings
@@ -21,29 +21,29 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
 STATUS = "status"
-COMPLETED = "date_completed"  # what the root of a completed survey says
-READERS = 8  # of files at a time: a bucket answers each after a while
+COMPLETED = "date_completed"  # attribute of the root of a completed survey
+READERS = 8  # files read at a time, because a bucket answers slowly
 
 
 @dataclass(frozen=True)
 class Integrity:
-    """Findings of a check of every file of a store.
+    """Result of checking every file of a store.
 
-    Without a manifest that this version can read, the store's chunks are decoded, each of which ends in a checksum of
-    its own, and it has no tiles here.
+    If there is no manifest that this version can read, the chunks are decoded, each of which ends in a checksum of its
+    own, and `tiles` is 0.
     """
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
-    damaged: dict[int, tuple[str, ...]]  # computed tiles with a lost or damaged chunk, and of which variables
+    damaged: dict[int, tuple[str, ...]]  # variables with a lost or damaged chunk, by index of the computed tile
     template: tuple[str, ...]  # damaged files that tiles do not write to: metadata, coordinates, curves
     tiles: int
-    files: int  # that were looked at
-    version: str  # of the code that computed it; empty if its root is damaged
-    completed: str  # when all of it was computed; empty if it was not
+    files: int  # number of checked files
+    version: str  # code version of the store; empty if its root is damaged
+    completed: str  # date of completion; empty if it is not complete
 
     @property
     def whole(self) -> bool:
-        """True if nothing is damaged; tiles of a survey that is not completed may still be missing."""
+        """True if nothing is damaged; an incomplete survey may still lack tiles."""
         return not self.damaged and not self.template
 
     @property
@@ -53,19 +53,19 @@ class Integrity:
 
 
 def examine(where: str | Path | Place) -> Integrity:
-    """Read every file of a survey's store. A chunk that is not there is lost once the survey was completed.
+    """Check every file of a survey's store. In a completed survey a missing chunk counts as lost.
 
     Returns
     -------
     Integrity
-        The findings.
+        Whole and damaged tiles, damaged other files, and the versions that the root states.
 
     Raises
     ------
-    SurveyError
-        There is no survey, or too much of it is damaged to know which it was.
     StorageError
         The object store fails.
+    SurveyError
+        There is no survey, or it is too damaged to be identified.
     """
     place = place_of(where)
     if not place.occupied():
@@ -74,8 +74,8 @@ def examine(where: str | Path | Place) -> Integrity:
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
         raise SurveyError(
-            f"{place} holds no survey that can be read: name the store of a survey, a population or certificates; of"
-            f" one that is damaged, take its {ROOT} and {MANIFEST} from a copy"
+            f"{place} holds no survey that can be read: name the store of a survey, a population or certificates; if it"
+            f" is damaged, restore its {ROOT} and {MANIFEST} from a copy"
         )
     if manifest is None:
         number, lost = _undecodable(place, attributes)
@@ -90,14 +90,12 @@ def examine(where: str | Path | Place) -> Integrity:
 
 
 def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
-    """Return how many chunks were decoded, and which files are lost or cannot be decoded.
-
-    Of a store without a manifest that this version can read.
+    """Return the number of decoded chunks, and the lost or undecodable files, of a store without a readable manifest.
 
     Returns
     -------
     tuple[int, tuple[str, ...]]
-        The number, and the names of files.
+        The number, and the keys of files.
 
     Raises
     ------
@@ -105,14 +103,14 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
         Its metadata cannot be read.
     """
     version = attributes["code_version"]
-    is_ours = version == code_version()  # then every chunk has a file
+    is_ours = version == code_version()  # this version writes a file for every chunk
     lost = [MANIFEST] if is_ours else []
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ZarrUserWarning)  # the lock is no part of a zarr hierarchy
             group = zarr.open_group(place.zarr(), mode="r")
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
-    except Exception as error:  # what a foreign format raises
+    except Exception as error:  # a foreign format raises errors of several types
         raise SurveyError(
             f"{place} was computed by version {version} and cannot be read ({error}): verify it with that version"
         ) from error
@@ -127,7 +125,7 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
                 is_lost = (name == STATUS and not values.all()) or (is_ours and read_file(place, key) is None)
             except SurveyError:
                 raise
-            except Exception:  # what a codec raises of a damaged chunk
+            except Exception:  # codecs raise errors of several types for a damaged chunk
                 lost.append(key)
             else:
                 if is_lost and COMPLETED in attributes:
@@ -138,31 +136,31 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
 def examine_tiles(
     place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None
 ) -> tuple[set[int], dict[int, tuple[str, ...]]]:
-    """Return which tiles are computed and whole, and which are damaged, with the variables.
+    """Return the tiles that are computed and whole, and the damaged variables of the others.
 
     Parameters
     ----------
     should_stop : Callable[[], bool] | None
-        Asked at each tile.
+        Called at each tile.
 
     Returns
     -------
     tuple[set[int], dict[int, tuple[str, ...]]]
-        Tiles that are computed and whole; variables of the damaged ones.
+        Indices of whole tiles; damaged variables by index of the tile.
 
     Raises
     ------
-    StoppedError
-        Because `should_stop` said so.
     SurveyError, StorageError
         As `examine`.
+    StoppedError
+        `should_stop` returned true.
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
         found = readers.map(lambda index: _lost(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
-                readers.shutdown(cancel_futures=True)  # the others are not waited for
+                readers.shutdown(cancel_futures=True)  # without waiting for the other tiles
                 raise StoppedError(f"stopped while {place} was read")
             if lost:
                 damaged[index] = lost
@@ -183,7 +181,7 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
 
 
 def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
-    """Return the files of a survey that are lost or damaged, but for what tiles write."""
+    """Return the lost or damaged files of a survey except those that tiles write."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
         whole = readers.map(lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)

@@ -1,8 +1,7 @@
 """Locate a store: a directory, or a prefix of a bucket.
 
-The differences of the two are here and nowhere else.
-
-Both promise: a store appears whole or not at all, a key is replaced at once or not at all, and one run writes to it.
+All differences between the two are here. Both guarantee that a store appears whole or not at all, that a key is
+replaced in one step or not at all, and that a single run writes to it.
 """
 
 import fcntl
@@ -26,17 +25,17 @@ class Directory:
 
     def __init__(self, path: str | Path) -> None:
         try:
-            self.path = Path(os.path.expanduser(path)).resolve()  # no shell expands `--out=~/x`
+            self.path = Path(os.path.expanduser(path)).resolve()  # shells do not expand `--out=~/x`
         except OSError as error:  # the working directory is gone
-            where = "go to a directory that is there, or give a whole path"
-            raise SurveyError(f"{path} is nowhere ({error}): {where}") from error
+            where = "change to an existing directory, or give an absolute path"
+            raise SurveyError(f"{path} cannot be located ({error}): {where}") from error
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the path."""
         return str(self.path)
 
     def zarr(self) -> Path:
-        """Return what zarr opens."""
+        """Return the path that zarr opens."""
         return self.path
 
     def occupied(self) -> bool:
@@ -48,7 +47,7 @@ class Directory:
         return (self.path / ROOT).exists()
 
     def deletion_begun(self) -> bool:
-        """Return whether a deletion was begun and has not ended: never, it begins by renaming."""
+        """Return False: the deletion of a directory begins by renaming it."""
         return False
 
     def read(self, key: str) -> bytes:
@@ -56,11 +55,11 @@ class Directory:
         return (self.path / key).read_bytes()
 
     def reaching(self) -> AbstractContextManager[None]:
-        """Let errors of the file system pass as they are: OSError."""
+        """Return a context that lets errors of the file system, OSError, pass unchanged."""
         return nullcontext()
 
     def build(self, template: Mapping[str, bytes]) -> None:
-        """Create the store: beside its place, and renamed."""
+        """Create the store under a temporary name beside its path, and rename it."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
         try:
@@ -71,13 +70,13 @@ class Directory:
             (sibling / LOCK).touch()
             os.rename(sibling, self.path)
         except OSError:
-            if not self.occupied():  # otherwise another run was first, and its store is judged like any other
+            if not self.occupied():  # otherwise another run was first, and the caller checks its store
                 raise
         finally:
             shutil.rmtree(sibling, ignore_errors=True)
 
     def put(self, key: str, content: bytes) -> None:
-        """Write a file, or replace it at once. Raises OSError."""
+        """Write or replace a file in one step. Raises OSError."""
         target = self.path / key
         partial = target.with_name(f"{target.name}.{uuid4().hex}.partial")
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -89,20 +88,20 @@ class Directory:
             raise
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove files; those that are not there are left out. Raises OSError."""
+        """Remove files; missing ones are ignored. Raises OSError."""
         for key in keys:
             (self.path / key).unlink(missing_ok=True)
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Hold the store for one run; the system releases it even if the process is killed.
+        """Lock the store for one run; the system releases the lock even if the process is killed.
 
         Raises
         ------
         StorageError
-            It cannot be written now.
+            The store cannot be written now.
         SurveyError
-            Another run holds it: two would sweep each other's files. Or it is not there.
+            Another run has locked the store, since two would remove each other's files; or there is no store.
         """
         try:
             held = (self.path / LOCK).open("ab")
@@ -117,11 +116,11 @@ class Directory:
                     f"{self} is being computed by another run: wait for it, or choose another path"
                 ) from None
             except OSError:
-                pass  # a file system without locks
+                pass  # the file system has no locks
             yield
 
     def sweep(self) -> None:
-        """Remove what killed writers left."""
+        """Remove the partial files of killed writers."""
         for stray in self.path.rglob("*.partial"):
             stray.unlink(missing_ok=True)
 
@@ -130,7 +129,7 @@ Place = Directory | Bucket
 
 
 def place_of(where: str | Path | Place) -> Place:
-    """Return the place that a path or a URL names. Raises SurveyError for a URL that is none of a bucket."""
+    """Return the location that a path or a URL names. Raises SurveyError for a URL other than that of a bucket."""
     if isinstance(where, Directory | Bucket):
         return where
     if "://" not in str(where):
@@ -141,12 +140,12 @@ def place_of(where: str | Path | Place) -> Place:
 
 
 def certificates_of(where: str | Path | Place) -> Path:
-    """Return where the certificates of a survey are: beside its store. Raises SurveyError for a bucket."""
+    """Return the path of a survey's certificates, beside its store. Raises SurveyError for a bucket."""
     place = place_of(where)
     if isinstance(place, Bucket):
         raise SurveyError(
-            f"certificates are written to a directory beside the survey's, and {place} is in a bucket: leave certify "
-            "out, and prove it afterwards: rattle certify STORE --out PATH"
+            f"certificates are written to a directory beside the survey's, and {place} is in a bucket: leave out "
+            "certify, and prove the survey afterwards with rattle certify STORE --out PATH"
         )
     return place.path.with_name(place.path.name.removesuffix(".zarr") + CERTIFICATES)
 

@@ -1,4 +1,4 @@
-"""The manifest and the root of a store: what is read of them, and what the process that leads a run writes to them."""
+"""Read the manifest and the root of a store, and write both from the process that leads a run."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
 from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 
-#: The manifest is written once a two-hundredth of its tiles are new: one of many megabytes is written less often.
+#: The manifest is written when one in so many of its tiles is new: a manifest of many megabytes is written rarely.
 SHARE = 200
-KNOWN = 8  # manifests that are remembered as they were parsed: each is asked for again and again
+KNOWN = 8  # parsed manifests in the cache, since each is needed repeatedly
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
@@ -33,14 +33,14 @@ def read_file(place: Place, key: str) -> bytes | None:
     Returns
     -------
     bytes | None
-        Bytes of the file, or None.
+        Content of the file.
 
     Raises
     ------
-    SurveyError
-        It may not be read: nobody may take that for lost.
     StorageError
         The object store fails.
+    SurveyError
+        Permission is denied, which does not mean that the file is lost.
     """
     try:
         return place.read(key)
@@ -55,7 +55,7 @@ def read_file(place: Place, key: str) -> bytes | None:
 
 
 def manifest_of(place: Place) -> Manifest | None:
-    """Return the manifest of a store; None if it is damaged, of another version, or not there."""
+    """Return the manifest of a store; None if it is damaged, of another version, or missing."""
     content = read_file(place, MANIFEST)
     return None if content is None or place.deletion_begun() else _parsed(content)
 
@@ -69,7 +69,7 @@ def known_manifest(place: Place) -> Manifest:
     Returns
     -------
     Manifest
-        The manifest.
+        Digests of all files, by key, and the computed tiles.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def known_manifest(place: Place) -> Manifest:
 
 
 def require_there(place: Place) -> None:
-    """Raise StorageError if a store that was there is gone, which is no damage: it may come back."""
+    """Raise StorageError if a store is gone, which is not damage: it may come back."""
     if not place.occupied():
         raise StorageError(
             f"{place} is gone: it was moved or deleted. Bring it back, or run the survey again to compute it anew"
@@ -95,7 +95,7 @@ def require_there(place: Place) -> None:
 
 
 def said_by_root(place: Place) -> dict[str, Any]:
-    """Return the attributes of a store's root, damaged or not; empty without one."""
+    """Return the attributes in a store's root, damaged or not; empty without a root."""
     try:
         attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
     except (ValueError, AttributeError, RecursionError):
@@ -110,41 +110,41 @@ def whole_root(place: Place, manifest: Manifest) -> bytes | None:
 
 
 def attributes_of(place: Place) -> dict[str, Any]:
-    """Return what the root says.
+    """Return the attributes of a store's undamaged root.
 
     Returns
     -------
     dict[str, Any]
-        Attributes of the root.
+        Values by name.
 
     Raises
     ------
-    StorageError
-        It cannot be read now.
     SurveyError
         There is no survey, or it is damaged.
+    StorageError
+        The root cannot be read now.
     """
     return dict(json.loads(_root(place, known_manifest(place)))["attributes"])
 
 
 @contextmanager
 def noting(place: Place) -> Iterator[Note]:
-    """Give a function that notes the digests of written tiles, by their index.
+    """Yield a function that records the digests of written tiles, by their index.
 
-    The caller holds the store, and changes nothing else of its manifest meanwhile. A kill loses the tiles that the
-    manifest on the disk does not have yet, a two-hundredth at most; they are computed again.
+    The caller holds the lock of the store, and changes nothing else in its manifest meanwhile. A kill loses the tiles
+    that are not yet in the manifest on disk, at most one in two hundred; they are computed again.
 
     Yields
     ------
     Note
-        The function.
+        Takes the digests of chunks by key, by index of the tile.
 
     Raises
     ------
-    StorageError
-        It cannot be written now, or the store is gone.
     SurveyError
         There is no survey, or its manifest is damaged.
+    StorageError
+        The manifest cannot be written now, or the store is gone.
     """
     before = known_manifest(place)
     manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
@@ -152,7 +152,7 @@ def noting(place: Place) -> Iterator[Note]:
     def write() -> None:
         nonlocal waiting
         try:
-            if not place.exists():  # a deleted survey would come back
+            if not place.exists():  # writing would recreate a deleted survey
                 require_there(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
@@ -176,14 +176,14 @@ def noting(place: Place) -> Iterator[Note]:
 
 
 def tell(place: Place, told: Mapping[str, Any]) -> None:
-    """Let the root say this besides; None: it says no more of it. The caller holds the store.
+    """Set attributes of the root; None removes one. The caller holds the lock of the store.
 
     Raises
     ------
-    OSError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    OSError
+        The root cannot be written now.
     """
     manifest = known_manifest(place)
     root = _root(place, manifest)
@@ -194,7 +194,7 @@ def tell(place: Place, told: Mapping[str, Any]) -> None:
 
 
 def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
-    """Return the metadata of a root that says this instead."""
+    """Return the metadata of a root with these attributes in place of its own."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
     with zarr.config.set(COMPACT):
         zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))
@@ -202,7 +202,7 @@ def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
 
 
 def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
-    """Add files to a store, and take others from its metadata: they appear and vanish with the root.
+    """Add files to a store, and remove others from its metadata: they appear and vanish with the root.
 
     Parameters
     ----------
@@ -215,10 +215,10 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
 
     Raises
     ------
-    OSError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    OSError
+        A file cannot be written now.
     """
     manifest = known_manifest(place)
     root = _root(place, manifest)
@@ -238,9 +238,9 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
 
 
 def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
-    """Write a root, and the manifest that is true with it: `before` is true until then.
+    """Write a root, and the manifest `after` that belongs to it; `before` belongs to the previous root.
 
-    At every instant the root is one that the manifest knows. Raises OSError.
+    At every instant the manifest knows the digest of the present root. Raises OSError.
     """
     new = digest(ROOT, root)
     place.put(MANIFEST, replace(before, root=(*before.root, new)).to_bytes())

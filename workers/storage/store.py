@@ -1,4 +1,4 @@
-"""The zarr store of a survey: created once, filled tile by tile, resumed, finished and opened."""
+"""The zarr store of a survey: create it, fill it tile by tile, resume, finish and open it."""
 
 from __future__ import annotations
 
@@ -55,27 +55,27 @@ if TYPE_CHECKING:
 
 
 Make = Callable[[AnyRequest, str | None], Template]
-KEPT = COMPLETED, ROUNDS  # what tiles were made by, or that they were, when the rest of the root is made again
+KEPT = COMPLETED, ROUNDS  # attributes that survive when the root is made again: they follow from the tiles
 _blank = lru_cache(maxsize=16)(blank)
 
 
 def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
     """Create the empty store of a survey, or accept the one that an earlier run of the same survey left.
 
-    Whatever else is there is left as it is. The store appears at once and whole. Of a survey's own store, what tiles do
-    not write to, its metadata first of all, is made again if any of it is damaged. Numbers of cells are not touched.
+    Any other content of the path is left alone. The store appears complete, in one step. If files other than tiles of
+    the survey's own store are damaged, such as its metadata, they are made again; numbers of cells are not touched.
 
     Parameters
     ----------
     make : Make | None
-        As `template_of`, which is the default: to compute elsewhere what takes long.
+        Computes the template, by default `template_of`; a cluster can do it, because it may take long.
 
     Raises
     ------
     StorageError
-        It cannot be written now.
+        The store cannot be written now.
     SurveyError
-        Something else is there, or it cannot be written, or another run writes to what is damaged.
+        Something else is there, it cannot be written, or another run writes to the damaged store.
     """
     place, make = place_of(where), make or template_of
     try:
@@ -94,10 +94,10 @@ def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
 
 
 def _mend(request: AnyRequest, place: Place, make: Make) -> None:
-    """Write the template over what is there, the root and the manifest last. What was added to it is made again."""
+    """Write the template over a damaged store, root and manifest last. Families and levels are made again later."""
     manifest = _require_same(request, place)
     if not _is_damaged(place, manifest):
-        return  # another run has mended it meanwhile
+        return  # another run has repaired it meanwhile
     said = said_by_root(place)
     trusted = said if manifest is None or whole_root(place, manifest) else {}
     created = manifest.date_created if manifest else trusted.get("date_created")
@@ -117,19 +117,19 @@ def _mend(request: AnyRequest, place: Place, make: Make) -> None:
 
 
 def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the tiles whose chunks all decode, with their digests, of a store that has lost its manifest."""
+    """Yield the index and digests of each tile whose chunks all decode, in a store that has lost its manifest."""
     for tile in tiles_of(request):
         contents = _contents(request, place, tile)
         try:
             is_computed = _decoded(request, tile, contents)[STATUS].all()
-        except Exception:  # what a codec raises of a damaged chunk, or a lost one
+        except Exception:  # codecs raise errors of several types for damaged chunks
             continue
         if is_computed:
             yield tile.index, digests(contents)
 
 
 def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
-    """Return the manifest of a survey's store; None if it is lost or damaged, and the root says whose it is."""
+    """Return the manifest of a survey's store; None if it is lost or damaged and the root identifies the survey."""
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -153,19 +153,19 @@ def tiles_done(
 ) -> set[int]:
     """Return the indices of the tiles that are computed and undamaged.
 
-    Every chunk is read, for its checksum; `should_stop` is asked at each tile.
+    Every chunk is read, for its checksum; `should_stop` is called at each tile.
 
     Returns
     -------
     set[int]
-        Indices of the tiles.
+        Indices as in `tiles_of`.
 
     Raises
     ------
     SurveyError
-        This survey is not there.
+        The store is not that of this survey.
     StoppedError
-        Because `should_stop` said so.
+        `should_stop` returned true.
     """
     place = place_of(where)
     _require_same(request, place)
@@ -183,25 +183,25 @@ def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
 def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Write every variable of a tile.
 
-    It is computed once the digests of its chunks, which this returns by their key, are in the manifest.
+    The tile counts as computed once the digests of its chunks are in the manifest.
 
     Returns
     -------
     dict[str, str]
-        Digests of its chunks, by their key.
+        Digests of the written chunks, by their key.
 
     Raises
     ------
-    StorageError
-        It cannot be written now, or the store is gone: with its disk, or by a deletion.
     SurveyError
         The tile or a shape is not a chunk of the store, or the store is of another survey.
+    StorageError
+        The tile cannot be written now, or the store is gone, with its disk or by a deletion.
     """
     require_aligned(request, tile)
     place = _place(path, request)
     written = _encoded(request, tile, values)
     for key, content in written.items():
-        if not place.exists():  # a deleted survey would come back, in pieces
+        if not place.exists():  # writing would recreate parts of a deleted survey
             require_there(place)
             raise StorageError(f"{ROOT} of {place} is gone: run the survey again to repair it")
         place.put(key, content)
@@ -210,38 +210,38 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
 
 @lru_cache(maxsize=16)
 def _place(path: str, request: AnyRequest) -> Place:
-    """Look once a process whether the store is this survey's."""
+    """Return the location of a store, after checking once in each process that it is this survey's."""
     _require_same(request, place_of(path))
     return place_of(path)
 
 
 def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str, str]) -> dict[str, np.ndarray] | None:
-    """Read every variable of a computed tile; None if it is damaged. known: the digests of its chunks, by their key.
+    """Read every variable of a computed tile; None if it is damaged. known: digests of its chunks, by their key.
 
     Returns
     -------
     dict[str, np.ndarray] | None
-        Arrays by variable, or None.
+        Arrays over the tile, by variable.
 
     Raises
     ------
-    StorageError
-        It cannot be read now.
     SurveyError
         The store is of another survey, or may not be read.
+    StorageError
+        The store cannot be read now.
     """
     contents = _contents(request, _place(path, request), tile)
     return _decoded(request, tile, contents) if digests(contents) == known else None
 
 
 def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
-    """Return the chunks of a tile that are there, by their key."""
+    """Return the existing chunks of a tile, by their key."""
     found = ((key, read_file(place, key)) for key in _keys(request, tile).values())
     return {key: content for key, content in found if content is not None}
 
 
 def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """Return every variable of a tile. Raises what a codec does of a damaged chunk, KeyError of a lost one."""
+    """Return every variable of a tile. Raises the errors of codecs for damaged chunks, KeyError for lost ones."""
     kept, arrays, _ = _blank(request)
     values = {}
     for name, key in _keys(request, tile).items():
@@ -269,7 +269,7 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
 
 
 def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
-    """Return the key of each chunk of a tile, by variable, `status` last: explorers show what it says is there."""
+    """Return the key of each chunk of a tile, by variable, `status` last, because readers rely on the status."""
     rows, columns = request.tile_grid
     row, column = divmod(tile.index, columns)
     chunks = _blank(request)[2]
@@ -278,14 +278,14 @@ def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey whose tiles are all done: sweep what killed writers left, date it, consolidate. Idempotent.
+    """Finish a survey whose tiles are all done: remove partial files, and write its date. It may be repeated.
 
     Raises
     ------
-    StorageError
-        It cannot be written now.
     SurveyError
         There is no survey, tiles are missing, or a run still writes to it.
+    StorageError
+        The store cannot be written now.
     """
     place = place_of(where)
     manifest = known_manifest(place)
@@ -297,7 +297,7 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.sweep()
             told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
-            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # otherwise its rounds have told
+            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # otherwise its rounds have written these
                 told |= _refined(place)
             tell(place, told)
         except OSError as error:
@@ -312,32 +312,32 @@ def has_added(where: str | Path | Place, name: str) -> bool:
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add what follows from all tiles: the files of `added`, and those that are there already, with their digests.
+    """Add the files of `added` to a store, and record chunks that tasks have written, with their digests.
 
-    They appear with the root, which comes last, and are in the manifest as the template's are.
+    All of them appear with the root, which is written last, and are in the manifest.
 
     Raises
     ------
-    OSError
-        It cannot be written now.
     SurveyError
         There is no survey, or it is damaged.
+    OSError
+        A file cannot be written now.
     """
     update_metadata(place_of(where), added, there, lambda _: False)
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
-    """Take from a store what was added to it and would not be true of tiles that are computed anew.
+    """Remove additions of a store that would not agree with tiles that are computed anew.
 
-    Their slots are by share until they are joined, and they have gone through one round of audits. The caller holds the
-    store.
+    In such tiles slots are by share until they are joined, and a single round of audits is done. The caller holds the
+    lock of the store.
 
     Raises
     ------
-    StorageError
-        It cannot be written now.
     SurveyError
         If the store cannot be written.
+    StorageError
+        The store cannot be written now.
     """
     try:
         if TOLD[-1] in said_by_root(place):
@@ -354,7 +354,7 @@ def _is_added(key: str) -> bool:
 
 
 def _refined(place: Place) -> dict[str, int | float]:
-    """Return the root's counts of a refined survey: filled cells, and the findings of their audit."""
+    """Return the counts of a refined survey for its root: filled cells, and the findings of their audit."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
@@ -365,7 +365,7 @@ def _refined(place: Place) -> dict[str, int | float]:
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
-    """Yield the values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
+    """Yield the values of a variable of cells, a row of tiles at a time, because all of them may need too much memory.
 
     Yields
     ------
@@ -384,7 +384,7 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
                 yield np.asarray(array[row : row + array.chunks[0]])
     except SurveyError:
         raise
-    except Exception as error:  # what a codec raises of a damaged chunk
+    except Exception as error:  # codecs raise errors of several types for damaged chunks
         require_there(place)
         raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
 
@@ -392,11 +392,9 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
 def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:
     """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not.
 
-    Values are read when asked for.
-
-    `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this
-    one says what is wrong when there is no survey, and what it opens can be written again, in any chunks, with
-    `to_netcdf` (which keeps the CF conventions) and `to_zarr`.
+    Values are read when they are needed. `xarray.open_zarr(path_or_url, group=group)` shows the same, with complex
+    variables as `…_real` and `…_imag`. This function also explains why there is no survey, and its dataset can be
+    written again, in any chunks, with `to_netcdf` (which keeps the CF conventions) and `to_zarr`.
 
     Parameters
     ----------
@@ -406,7 +404,7 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     Returns
     -------
     xr.Dataset
-        The open survey.
+        Variables over the plane; `dataset.rattle.plot` draws one.
 
     Raises
     ------
@@ -431,19 +429,19 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
 
 
 def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
-    """Open what a survey has beside its cells, as it is stored: curves, their points and families, by their paths.
+    """Open the groups of a survey, as they are stored: curves, their points and families, by their paths.
 
-    Levels, which say nothing that cells do not, are opened one by one.
+    Levels have no information of their own, and are opened one by one.
 
     Returns
     -------
     dict[str, xr.Dataset]
-        Data sets by path.
+        Datasets by path.
 
     Raises
     ------
     SurveyError
-        : they cannot be read.
+        The groups cannot be read.
     """
     import xarray as xr
 

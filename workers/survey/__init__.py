@@ -1,1 +1,1 @@
-"""Define a survey and the contents of a cell: the folder whose every byte `code_version` hashes."""
+"""Define a survey and the contents of a cell. `code_version` hashes every byte of this folder."""

@@ -1,4 +1,4 @@
-"""The axes of a survey's grid, and what all parts of a request have in common."""
+"""The axes of a survey's grid, and the common parts of all fields of a request."""
 
 import json
 import re
@@ -27,7 +27,7 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 def require_visible(what: str, text: str, besides: str = "") -> str:
-    """Return a text.
+    """Return a text, if all of its characters are visible.
 
     Parameters
     ----------
@@ -36,17 +36,17 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
     text : str
         The text.
     besides : str
-        Characters that may be in it all the same, such as line breaks.
+        Further allowed characters, such as line breaks.
 
     Returns
     -------
     str
-        The text.
+        The text, unchanged.
 
     Raises
     ------
     ValueError
-        If it holds characters that nobody sees, such as controls of its direction.
+        The text has invisible characters, such as controls of its direction.
     """
     for each in text:
         if not (each.isprintable() or each in besides or unicodedata.category(each) == "Zs"):
@@ -65,12 +65,12 @@ Name = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
 
 
 def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
-    """With Python's numbers instead of numpy's, which are as good."""
+    """Replace numpy's numbers by Python's, which are as good."""
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
 
 
 class Strict(BaseModel):
-    """Record that cannot be changed, and takes no other fields."""
+    """Base of immutable records that accept no unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -90,7 +90,7 @@ class Axis(Strict):
     @model_validator(mode="before")
     @classmethod
     def _triple(cls, given: Any) -> Any:
-        """(start, stop, num), as it is shortest in Python."""
+        """Accept (start, stop, num), the shortest form in Python."""
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
             return _plain(dict(zip(cls.model_fields, given, strict=True)))
         if not isinstance(given, Mapping | cls):
@@ -108,12 +108,12 @@ class Axis(Strict):
         return self
 
     def values(self) -> np.ndarray:
-        """Return the values as float64, shape (num,): the ones that are computed with and stored."""
+        """Return the float64 values, shape (num,), for computing and storing."""
         return np.linspace(self.start, self.stop, self.num)
 
     @classmethod
     def parse(cls, text: str) -> "Axis":
-        """Read `START:STOP:NUM`, as the command line takes it. Raises SurveyError."""
+        """Read `START:STOP:NUM` from the command line. Raises SurveyError."""
         parts = text.split(":")
         how = f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61"
         if len(parts) != len(cls.model_fields):
@@ -131,7 +131,7 @@ class Axis(Strict):
             raise SurveyError(f"{how}: {place_and_reason(error)}") from error
 
 
-#: What is wrong with a field, by pydantic's name for it; its own words speak of the program ("Input should be …").
+#: Messages for wrong fields, by pydantic's type of error; pydantic's own describe the program ("Input should be …").
 _WORDS = {
     "missing": "is not given: give it",
     "greater_than": "must be greater than {gt}, got {input}",
@@ -159,17 +159,17 @@ _WORDS = {
 }
 _CHOICE = re.compile(r"'([^']*)'")
 _ENDS = (("least", "min_length"), ("most", "max_length"))
-LONGEST = 60  # characters of what was given, in a message
+LONGEST = 60  # the most characters of a given value in a message
 
 
 def _fields_below(kind: type[BaseModel]) -> set[str]:
-    """Return the names of all fields of the subclasses of a model, and of theirs."""
+    """Return the names of all fields of all subclasses of a model."""
     below = kind.__subclasses__()
     return {field for each in below for field in each.model_fields}.union(*map(_fields_below, below))
 
 
 def words_of(detail: Mapping[str, Any]) -> str:
-    """Return what is wrong with a field in this project's words: the value, what is allowed, what to do.
+    """Return the message for a wrong field in this project's words: the value, what is allowed, what to do.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
     Returns
     -------
     str
-        The sentence.
+        A sentence without the name of the field.
     """
     kind, given = detail.get("type"), detail.get("input")
     context = {**detail.get("ctx", {}), "input": _shortened(given)}
@@ -198,7 +198,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
     try:
         return _WORDS[str(kind)].format_map(context)
-    except KeyError:  # another kind, or one of ours
+    except KeyError:  # another type, or an error of this project
         return str(detail["msg"]).removeprefix("Value error, ")
 
 
@@ -211,13 +211,13 @@ def _shortened(given: Any) -> str:
 
 
 def reason(error: ValueError) -> str:
-    """Return the first thing that is wrong, without pydantic's preamble."""
+    """Return the message for the first wrong field, without pydantic's preamble."""
     errors = getattr(error, "errors", None)
     return words_of(errors()[0]) if errors else str(error)
 
 
 def place_and_reason(error: ValidationError) -> str:
-    """Return the same, and of which field."""
+    """Return the message for the first wrong field, with its name."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{where}: {reason(error)}" if where else reason(error)
 
@@ -232,7 +232,7 @@ def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         raise PydanticCustomError("number_or_axis", "{said}", {"said": ": ".join([*where, reason(error)])}) from error
 
 
-#: What is wrong with it is said of what it was meant to be, not of both.
+#: A message about a wrong value describes the intended form only, a number or an axis.
 NumberOrAxis = WrapValidator(_number_or_axis)
 
 

@@ -10,7 +10,7 @@ Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # δ, ε and piece of the 
 class Crossings(NamedTuple):
     """Passages of a curve between neighbouring cells of a grid.
 
-    Rising numbers of cells, between which and the next one along δ it passes, and along ε.
+    delta, epsilon: ascending numbers of cells; the curve passes between the cell and the next one along that axis.
     """
 
     delta: np.ndarray
@@ -25,14 +25,12 @@ def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Cro
 
 
 def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the crossings of a polyline of (x, y) with the lines of y between an x and the next.
-
-    Numbers of that y and that x.
+    """Return the crossings of a polyline of (x, y) with the grid lines of y between an x and the next.
 
     Returns
     -------
     tuple[np.ndarray, np.ndarray]
-        Both numbers of each crossing.
+        The index of the line y, and of the x before the crossing.
     """
     if len(curve[0]) < 2 or x.size < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

@@ -1,7 +1,7 @@
-"""The curves and points that divide the plane of a survey, for its store and its picture: those of `rattle.models`.
+"""The curves and points that divide the plane of a survey, for its store and its picture.
 
-The bare names delta, epsilon and multiplier are coordinates of the survey, which xarray's groups inherit: a variable of
-that name in a group would be hidden. So theirs begin with `point_`.
+Groups inherit the survey's coordinates delta, epsilon and multiplier in xarray, and a variable of that name in a group
+would be hidden. So variables of groups begin with `point_`.
 """
 
 import sys
@@ -20,9 +20,9 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
-LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
-NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes
-LEAST_EPSILON = 1e-6  # whose share it is where ε is less
+LOWEST_DELTA = 0.1  # least δ of a window, as a share of the axis' start: no curve reaches δ = 0
+NARROWEST = 1e-9  # least half-width of a window, as a share of its parameter: in smaller ones a curve takes minutes
+LEAST_EPSILON = 1e-6  # the parameter of that share, where ε is smaller
 
 
 class Missing(NamedTuple):
@@ -33,7 +33,7 @@ class Missing(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveVariable:
-    """A stored variable of a group, and its values; a group without values holds it with length 0."""
+    """A stored variable of a group, with the function for its values; if they are missing it has length 0."""
 
     name: str
     dims: tuple[str, ...]
@@ -49,7 +49,7 @@ class CurveVariable:
 
     @property
     def parts(self) -> tuple["CurveVariable", ...]:
-        """Stored parts, as of a `Quantity`."""
+        """Stored parts of a complex variable, or the variable itself, as those of a `Quantity`."""
         if self.dtype is not complex:
             return (self,)
 
@@ -161,14 +161,13 @@ def _column(points: Points, number: int) -> list[Any]:
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
     """Return the plane that a map of these cells shows.
 
-    Half a cell more on each side, where δ is positive and ε not negative.
-
-    So a curve that crosses a cell, also one on the border, has points on both sides of it.
+    It extends half a cell beyond them on each side, where δ is positive and ε not negative, so a curve that crosses a
+    cell on the border has points on both sides of it.
 
     Returns
     -------
     Window
-        The window.
+        Ranges of δ and ε.
     """
     low, high = _around(delta, 0.0)
     bottom, top = _around(epsilon, LEAST_EPSILON)
@@ -176,7 +175,7 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
 
 
 def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
-    """Not narrower than curves can be followed in: there they are straight, to more digits than are drawn."""
+    """Return the range of an axis, not narrower than curves can be followed in: there they are straight lines."""
     low, high = float(axis[0]), float(axis[-1])
     half = max((high - low) / max(2 * (axis.size - 1), 1), NARROWEST * max(abs(high), scale))
     return low - half, min(high + half, sys.float_info.max)
@@ -184,9 +183,9 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=128)
 def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
-    """Return a curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
+    """Return a curve inside a window. It is cached, because pictures of a running survey need it repeatedly."""
     try:
-        with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
+        with np.errstate(all="ignore"):  # in an extreme window steps of the search may overflow
             return model.trace(name, window.delta, window.epsilon)
     except RattleError as error:
         return Missing(f"not traced: {error}")
@@ -194,15 +193,7 @@ def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
 
 @lru_cache(maxsize=8)
 def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
-    """Return the passages of each curve of a model between the cells of a grid.
-
-    As it is traced for the template.
-
-    Returns
-    -------
-    tuple[Crossings, ...]
-        Passages of each curve.
-    """
+    """Return the passages of each curve of a model between the cells of a grid, as it is traced for the template."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
     return tuple(crossings_of(_points(curve), *grid) for curve in found)
@@ -215,14 +206,14 @@ def _points(curve: Curve | Missing) -> Polyline:
 
 
 def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
-    """Return the attributes of a curve, and why its group is empty if it is.
+    """Return the attributes of a curve, with the reason if its group is empty.
 
     The reference is the model's, which lacks some curves.
 
     Returns
     -------
     dict[str, str]
-        Attributes by name.
+        CF attributes by name.
     """
     attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
     if isinstance(curve, Missing):

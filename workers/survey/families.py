@@ -1,4 +1,4 @@
-"""The families of a survey's attractors: from its cells to what is stored of them."""
+"""The families of a survey's attractors: read attractors from slots, number slots, and write the group."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from gear_rattle.workers.survey.values.schema import CELL, SLOT
 from rattle import KINDS, Attractors, FamilyTable
 from rattle.families import NO_FAMILY, in_order
 
-#: What a survey's attractors are read from.
+#: Variables of a survey from which its attractors are read.
 STORED = (
     "attractor_kind", "attractor_m", "attractor_n_plus", "attractor_n_minus", "attractor_fraction", "attractor_phase",
     "attractor_velocity", "attractor_lyapunov",
@@ -73,7 +73,7 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
 )
 
 
-#: What is known of where families end: of `gear_rattle.workers.boundaries.edges.Edges`.
+#: Variables of the edges of families, from `gear_rattle.workers.boundaries.edges.Edges`.
 EDGE_VARIABLES: tuple[CurveVariable, ...] = (
     CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
     CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
@@ -95,12 +95,12 @@ class Slots(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """The families of a survey, the orbits that no slot has in the order of their cells, and the family of each."""
+    """The families of a survey, the continued orbits without a slot in the order of their cells, and their families."""
 
     table: FamilyTable
     entered: Attractors
     entered_family: np.ndarray
-    columns: int  # of the grid
+    columns: int  # columns of the grid
 
 
 def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
@@ -110,12 +110,12 @@ def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
 def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
     """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n).
 
-    In their order, whatever their slots, cells numbered row by row of the rectangle.
+    They are sorted by cell, independent of their slots; cells are numbered row by row of the rectangle.
 
     Returns
     -------
     Slots
-        The attractors.
+        One row for each occupied slot.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
@@ -149,14 +149,14 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:
-    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order.
+    """Complete a permutation of slots (slots, m, n): targets −1 get the unused sources in their order.
 
-    So empty ones stay as they are.
+    So empty slots stay empty.
 
     Returns
     -------
     np.ndarray
-        The slots, filled.
+        Source of each slot, all different in a cell.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
     np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
@@ -169,16 +169,15 @@ def with_empty(source: np.ndarray) -> np.ndarray:
 
 
 def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
-    """Return the slot that each family has in all its cells (families,), −1 where there is none.
+    """Return the slot that each family has in all its cells (families,), −1 for none.
 
-    From the pairs (k, 2) of families that are together in a cell, the smaller number first.
-
-    One family after the other, by their numbers, gets the lowest slot that is free in all its cells.
+    together (k, 2): pairs of families in the same cell, the smaller number first. One family after the other, by
+    number, gets the lowest slot that is free in all its cells.
 
     Returns
     -------
     np.ndarray
-        The slots.
+        int8.
     """
     order = np.argsort(together[:, 1], kind="stable")
     begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
@@ -195,9 +194,9 @@ def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.nda
 
 
 def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
-    """Return the slots of attractors (k,), in each cell by falling share, from those of their families (k,), −1: none.
+    """Return the slots of attractors (k,), in each cell by falling share, from those of their families, −1 for none.
 
-    What has none, and what a cell has of a family besides the first, gets the lowest that is free in its cell.
+    Attractors without such a slot, and further ones of a family in a cell, get the lowest free slot of the cell.
 
     Returns
     -------
@@ -208,7 +207,7 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
     used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # a bit for each slot of a cell
     named = np.flatnonzero(family != NO_FAMILY)
     _, first = np.unique(family[named].astype(np.int64) * used.size + cell[named], return_index=True)
-    first = named[first]  # of each family in each cell
+    first = named[first]  # the first attractor of each family in each cell
     first = first[of_family[first] >= 0]
     slot[first] = of_family[first]
     np.bitwise_or.at(used, cell[first], np.uint64(1) << slot[first].astype(np.uint64))
@@ -224,7 +223,7 @@ def _lowest_free(used: int) -> int:
 
 
 def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
-    """Create the array of the families of all slots, in chunks of so many cells a side."""
+    """Create the array with the family of every slot, in chunks of so many cells a side."""
     described: dict[str, Any] = {
         "long_name": "number of the family of the attractor, a row of the group families; 0: quiet, -1: none",
         "units": "1",
@@ -245,17 +244,17 @@ def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.
 
 
 def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
-    """Return the files that families add to a store but the chunks of their numbers, by their key.
+    """Return the files of families in a store, except the chunks of their numbers, by their key.
 
     Parameters
     ----------
     found : Mapping[Along, tuple[Joined, Any]]
-        Of each slice its families, and what EDGE_VARIABLES are read from.
+        For each slice its families, and the source of EDGE_VARIABLES.
 
     Returns
     -------
     Template
-        Files by key.
+        Contents by key.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)

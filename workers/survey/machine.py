@@ -1,9 +1,8 @@
-"""A survey of a machine: which numbers of a pair of gears stay, while its speed and eccentricity are the axes.
+"""A survey of a machine: numbers of a pair of gears that are fixed, while its speed and eccentricity are the axes.
 
-β does not depend on either, δ = 2πc/(IΩ) on the speed alone and ε on the eccentricity alone, so a plane of one β is a
-plane of speeds and eccentricities, also of two unlike gears. Harmonics of the request are over the eccentricity.
-
-Even steps of δ are even ones of the time that a revolution takes, not of the speed.
+β depends on neither, δ = 2πc/(IΩ) on the speed alone and ε on the eccentricity alone, so a plane of one β is a plane of
+speeds and eccentricities, also for two unlike gears. Harmonics of the request are relative to the eccentricity. Even
+steps of δ are even steps of the duration of a revolution, not of the speed.
 """
 
 from collections.abc import Mapping
@@ -20,15 +19,15 @@ Part = TypeVar("Part", bound=Strict)
 Positive = Annotated[Real, Field(gt=0)]
 Teeth = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
-#: What of a machine may be given as an axis, and the axis that it becomes.
+#: Numbers of a machine that may be axes, and the axes of the model that they become.
 AXES = {"rpm": "delta", "eccentricity": "epsilon"}
 
 
 class SurveyedMachine(Strict):
-    """Two gears in SI units, as `rattle.Machine` takes them, but for speed, eccentricity and stiffness.
+    """Two gears in SI units, as `rattle.Machine` takes them, without speed, eccentricity and stiffness.
 
     inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed". driven_inertia, driven_drag,
-    driven_radius: of the second gear, by default those of the first. teeth, driven_teeth: tooth numbers.
+    driven_radius: those of the second gear, by default equal to those of the first. teeth, driven_teeth: tooth numbers.
     """
 
     inertia: Positive
@@ -44,7 +43,7 @@ class SurveyedMachine(Strict):
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
-        """Leave out what is not given: equal gears keep their documents and attributes."""
+        """Leave out fields that are not given, so that equal gears keep their documents and attributes."""
         return {name: value for name, value in handler(self).items() if value is not None}
 
     def at(self, rpm: float, eccentricity: float) -> Machine:
@@ -59,21 +58,21 @@ class SurveyedMachine(Strict):
 
     @property
     def beta(self) -> float:
-        """Its half-backlash."""
+        """The half-backlash of the model."""
         return float(self._pair.scale * self.backlash / (2.0 * self.radius))
 
     def rpm(self, delta: Any) -> Any:
-        """Return the speeds at which the damping is δ, in revolutions per minute."""
+        """Return the speeds, in revolutions per minute, at which the damping is δ."""
         pair = self._pair
         return 2.0 * np.pi * pair.drag / pair.inertia / delta / RPM
 
     def eccentricity(self, epsilon: Any) -> Any:
-        """Return the eccentricities that are ε, in metres along the line of action."""
+        """Return the eccentricities, in metres along the line of action, that belong to ε."""
         return epsilon * self.radius / self._pair.scale
 
 
 def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
-    """Return both ends of the axis of the model that speeds or eccentricities are. Raises ParameterError."""
+    """Return both ends of the axis δ or ε for a range of speeds or eccentricities. Raises ParameterError."""
     if name == "rpm":
         return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
     any_speed = 1.0  # rpm: ε does not depend on it
@@ -81,14 +80,14 @@ def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, flo
 
 
 def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a survey, with the axes and β of its machine among them. Raises ValueError."""
+    """Return the fields of a survey with its machine's axes and β as δ, ε and β. Raises ValueError."""
     machine = dict(given["machine"])
     spans = {name: machine.pop(name) for name in AXES if name in machine}
     numbers = _read(SurveyedMachine, "machine", machine)
     made: dict[str, Any] = {"machine": numbers}
     for name, span in spans.items():
         if given.get(AXES[name]) is not None:
-            raise ValueError(f"machine.{name} and {AXES[name]} are two ways to say it: give one")
+            raise ValueError(f"machine.{name} and {AXES[name]} describe the same axis: give one of them")
         read = _read(Axis, f"machine.{name}", span)
         start, stop = span_of(numbers, name, read)
         made[AXES[name]] = Axis(start=start, stop=stop, num=read.num)

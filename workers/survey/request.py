@@ -1,4 +1,4 @@
-"""Request for a survey, validated before anything is computed or stored."""
+"""The request for a survey, validated before anything is computed or stored."""
 
 import json
 import math
@@ -50,32 +50,32 @@ def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         raise ValueError(f'v_max is a speed above 0, or "{NATURAL}" for each cell\'s own: give one of them') from error
 
 
-#: What is wrong with a speed limit is said once, not for each kind that it might have been.
+#: An error of a speed limit is reported once, not for each type that it might have.
 OneSpeed = WrapValidator(_one_of_both)
 
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
-LEAST_TILES = 16  # by default, so that the workers end together and progress is seen
-MOST_TILES = 100  # of a large survey by default: each is some 35 files
-LARGER = 16  # times as many, at most, in a tile of a large survey
-BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
-BASIN_SAMPLES = 4096  # states at a time of each such cell
+LEAST_TILES = 16  # least tiles by default, so that workers end at about the same time and progress is visible
+MOST_TILES = 100  # most tiles of a large survey by default, because each tile has some 35 files
+LARGER = 16  # largest factor of the samples in a tile of a large survey
+BASIN_SIDE = 8  # cells along a side of a default tile with basins, which takes a second or two
+BASIN_SAMPLES = 4096  # states that such a cell follows at a time
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
-MAX_TILE_REGIONS = 1_048_576  # cells of a refined tile of regions alone, which are a few bytes each
-TALL = 4  # how many times its usual height it has by default: closed forms are prepared column by column
+MAX_TILE_REGIONS = 1_048_576  # cells of a refined tile of regions alone, at a few bytes each
+TALL = 4  # factor of the default height of such a tile, because closed forms are prepared column by column
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
-BY_FRACTION, BY_FAMILY = "fraction", "family"  # what decides in which slot an attractor is
+BY_FRACTION, BY_FAMILY = "fraction", "family"  # rules for the slot of an attractor
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
 MAX_SLOTS = 64
-MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
-MAX_SLICES = 64  # along a third axis: the curves of each take seconds, and a hundred files
+MAX_TILES = 1_000_000  # each has a file per variable, and takes a millisecond of scheduling
+MAX_SLICES = 64  # most slices of a third axis: the curves of each take seconds, and a hundred files
 
 
 class InitialConditions(Strict):
     """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max), or of [tau_min, tau_max) × (v_min, v_max).
 
-    v_max: a speed for all cells; "natural" for 1.5 √(16πδβ) + 2πε of each; by default 7 where all axes are in the
-    paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2), natural elsewhere. budget: impacts on Σ⁺ after which
-    a sample that was not told is undecided; at small damping the default takes seconds for each cell.
+    v_max: a speed for all cells, or "natural" for 1.5 √(16πδβ) + 2πε of each cell; the default is 7 if all axes are in
+    the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2), else natural. budget: impacts on Σ⁺ after which
+    an unresolved sample is undecided; at small damping the default budget takes seconds for each cell.
     """
 
     count: Count = 64
@@ -97,14 +97,14 @@ class InitialConditions(Strict):
 
     @property
     def tau(self) -> tuple[float, float]:
-        """The phases."""
+        """Range of the phases."""
         return self.tau_min, self.tau_max
 
 
 class TileShape(Strict):
     """Cells along each axis of a tile.
 
-    Not given means 32, more in a survey of more than 100,000 cells, fewer in a small one or with large samples.
+    The default is 32, more in a survey of more than 100,000 cells, fewer in a small one or with large samples.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -125,7 +125,7 @@ class _Head(Strict):
 
 
 def _kind_of(parameter: Parameter) -> Any:
-    """Return the type of the field of what a model adds: a number, or an axis where it may be one."""
+    """Return the type of the field for a model's parameter: a number, or also an axis if it may be one."""
     most = parameter.greatest if math.isfinite(parameter.greatest) else None
     least: Any = {"ge": 0} if parameter.may_be_zero else {"gt": 0}
     number: Any = Annotated[Real, Field(le=most, **least)]
@@ -142,21 +142,20 @@ else:
 
 
 class SurveyRequest(_Numbers):
-    """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default.
+    """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; every field but the axes has a default.
 
-    model: the impacting one, or another, which needs the numbers that it adds. beta, and these: a number, or one of
-    them a third axis, of which each value has a slice: the survey of the plane there. quantities: by default all
-    that the model has, but those that cost several times what all others do; each brings those that it is made from
-    (families: attractors and lyapunov). slots: attractors that a cell lists, by
-    default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. slots_by: "fraction", the
-    largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
-    families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
-    "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells first, and more where what exists
-    differs between them; true, or {"audit": the share of filled cells that are computed all the same, "bound": the
-    upper bound of the wrong share of filled cells that has to be met}. harmonics: of a model that takes them, [order,
-    amplitude over that of the first harmonic, phase in turns] of each beside the first.
-    certify: prove the periodic attractors, into a
-    store of certificates beside the survey's.
+    model: the impacting gear, or another model, with the numbers that it adds. beta, and these numbers: a number each,
+    or for one of them a third axis, each value of which has a slice: the survey of its plane. quantities: groups of
+    variables, by default all of the model except those that cost several times as much as all others; a group brings
+    the groups that it is made from (families: attractors and lyapunov). slots: the most attractors that a cell lists,
+    by default 8, or 24 if δ begins below 0.1; further ones are counted, and their share is stored. slots_by: "fraction"
+    for the largest share first, or "family" for each family in one slot of all cells, as far as there are slots; the
+    default is "family" if families are computed. machine: given instead of β and of the axes, with `rpm` and
+    `eccentricity` as {"start", "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells
+    first, and more where motions differ between them; true, or {"audit": share of the filled cells to compute as a
+    check, "bound": upper bound that the wrong share of filled cells must meet}. harmonics: for a model that takes them,
+    [order, amplitude over that of the first harmonic, phase in turns] of each harmonic beside the first. certify: prove
+    the periodic attractors, into a store of certificates beside the survey's.
     """
 
     delta: Axis
@@ -212,7 +211,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_model(cls, given: Any) -> Any:
-        """Leave out of the default quantities those that a model does not have."""
+        """Restrict the default quantities to those that the model has."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
             known = groups_of(given["model"], bool(given.get("harmonics")))
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
@@ -221,7 +220,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_default(cls, given: Any) -> Any:
-        """Fill in what a model adds and has a default for."""
+        """Fill in the defaults of the model's parameters."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,):
             added = MODELS[given["model"]].added
             left_out = [each for each in added if each.default is not None and given.get(each.name) is None]
@@ -314,7 +313,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def variables(self) -> tuple[Quantity, ...]:
-        """The variables that its store has."""
+        """The variables of the store."""
         more = () if self.refine is None else (*REFINED, *BOUNDED) if self.refine.bound else REFINED
         return stored(self.quantities, self.model, more)
 
@@ -325,24 +324,24 @@ class SurveyRequest(_Numbers):
 
     @property
     def gear_model(self) -> Model:
-        """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
+        """The model with its parameters. Raises SurveyError for a survey with a third axis: each slice has a model."""
         if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
         return with_harmonics(model_of(**self.others), self.harmonics)
 
     @property
     def in_closed_form(self) -> bool:
-        """True if regions and orbits cost nothing."""
+        """True if regions and orbits are known in closed form."""
         return Capability.CLOSED_FORM in MODELS[self.model].has
 
     @property
     def others(self) -> dict[str, Any]:
-        """β, and what its model has besides, by name: numbers, one of them perhaps an axis."""
+        """β and the parameters that the model adds, by name: numbers, one of them perhaps an axis."""
         return {each.name: getattr(self, each.name) for each in MODELS[self.model].parameters()}
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that its model has beside δ, ε and β, by name; of an axis its end."""
+        """Parameters of the model beside δ, ε and β, by name; an axis is represented by its end."""
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.others.items()
@@ -367,28 +366,26 @@ class SurveyRequest(_Numbers):
 
     @property
     def n_slices(self) -> int:
-        """Slices along the third axis, 1 without one."""
+        """Number of slices along the third axis, 1 without one."""
         return math.prod(axis.num for axis in self.third_axis.values())
 
     @property
     def slices(self) -> "dict[Along, SurveyRequest]":
-        """The surveys without a third axis that it consists of, by their indices along it; itself at () without one."""
+        """Slices by their index along the third axis, as surveys; the survey itself at () without a third axis."""
         return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
 
     def along(self, number: int) -> Along:
-        """Return the place of a slice by its number, of the last one beyond.
-
-        () without a third axis, whatever the number.
+        """Return the index of a slice by its number, which is limited to the last slice.
 
         Returns
         -------
         Along
-            Index of the slice, or ().
+            () without a third axis, whatever the number.
         """
         return (min(number, self.n_slices - 1),) if self.third else ()
 
     def at(self, place: Along) -> "SurveyRequest":
-        """Return a slice, with the sample, slots and tiles that all have."""
+        """Return a slice as a survey, with the sample, slots and tiles of the whole survey."""
         if not place:
             return self
         values = {name: float(axis.values()[place[0]]) for name, axis in self.third_axis.items()}
@@ -410,22 +407,22 @@ class SurveyRequest(_Numbers):
 
     @property
     def n_slots(self) -> int:
-        """Largest number of attractors that a cell stores."""
+        """The most attractors that a cell lists."""
         return self.slots or (SLOTS if self.delta.start >= MANY_ATTRACTORS else MORE_SLOTS)
 
     @property
     def slots_follow_families(self) -> bool:
-        """True if an attractor's slot is that of its family, once these are joined."""
+        """True if an attractor's slot is that of its family, once families are joined."""
         return (self.slots_by or BY_FAMILY) == BY_FAMILY and Group.FAMILIES in self.quantities
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Cells along (epsilon, delta), of a slice."""
+        """Numbers of cells along (epsilon, delta) in a slice."""
         return self.epsilon.num, self.delta.num
 
     @property
     def tile_shape(self) -> tuple[int, int]:
-        """Cells of a tile along (epsilon, delta); the last tile of an axis may be smaller."""
+        """Numbers of cells of a tile along (epsilon, delta); the last tile of an axis may be smaller."""
         rows, columns = self._default_sides
         return self.tile.epsilon or min(rows, self.epsilon.num), self.tile.delta or min(columns, self.delta.num)
 
@@ -457,31 +454,31 @@ class SurveyRequest(_Numbers):
 
     @property
     def samples_per_cell(self) -> int:
-        """States that a cell follows: of the sample, and as many as the basins cost."""
+        """Number of states that a cell follows: those of the sample, or the larger number that basins cost."""
         samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
         return max(samples, BASIN_SAMPLES) if Group.BASINS in self.quantities else samples
 
     @property
     def n_cells(self) -> int:
-        """Cells, of all slices."""
+        """Number of cells in all slices."""
         return self.epsilon.num * self.delta.num * self.n_slices
 
     @property
     def tile_grid(self) -> tuple[int, int]:
-        """Tiles along (epsilon, delta); rows of all slices, one slice after the other."""
+        """Numbers of tiles along (epsilon, delta); rows of all slices, one slice after the other."""
         rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
         return rows * self.n_slices, columns
 
     @property
     def n_tiles(self) -> int:
-        """Tiles that cover the grid."""
+        """Number of tiles that cover the grid."""
         return math.prod(self.tile_grid)
 
     def content_hash(self) -> str:
         """Return the hex SHA-256 of everything that decides the bytes of the store, code version included.
 
-        The name is left out: renaming a survey does not make it another one. The tile shape counts, though no cell
-        depends on it, because it is the chunk shape of the store that a resumed run writes to.
+        The name is left out, because a renamed survey is the same. The tile shape is included, although no cell depends
+        on it, because it is the chunk shape of the store.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""An open survey with a third axis: which slice of it is meant, and the model of one."""
+"""An open survey with a third axis: choose a slice, and find its model."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def require_slice(third: Mapping[str, int], number: int | None) -> None:
     Parameters
     ----------
     third : Mapping[str, int]
-        The length of the third axis by its name, if there is one.
+        The length of the third axis by its name, or an empty mapping.
     number : int | None
-        None of a survey without one.
+        None for a survey without a third axis.
 
     Raises
     ------
     SurveyError
-        If there is no such slice.
+        There is no such slice.
     """
     if not third and number is not None:
         raise SurveyError("this survey has no third axis: leave slice out")
@@ -44,14 +44,14 @@ def third_of(dataset: xr.Dataset) -> dict[str, int]:
 
 
 def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
-    """Return a slice of an open survey, or the survey if it has no third axis. Raises SurveyError: none is meant."""
+    """Return a slice of an open survey, or the survey if it has no third axis. Raises SurveyError without a number."""
     third = third_of(dataset)
     require_slice(third, number)
     return dataset.isel(dict.fromkeys(third, number))
 
 
 def group_in(number: int | None, group: str) -> str:
-    """Return where a slice has a group, or with None a survey without a third axis."""
+    """Return the path of a group of a slice, or with None of a survey without a third axis."""
     return group_path(() if number is None else (number,), group)
 
 
@@ -65,7 +65,7 @@ def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
 
 
 def value_along(dataset: xr.Dataset) -> dict[str, float]:
-    """Return where along the third axis a slice is, by the name of that axis; nothing of a survey without one."""
+    """Return a slice's value along the third axis, by the axis' name; empty for a survey without one."""
     one = [name for name in FIXED if name in dataset.coords and not dataset[name].dims]
     return {name: dataset[name].item() for name in one if name not in dataset.attrs}
 
@@ -73,17 +73,17 @@ def value_along(dataset: xr.Dataset) -> dict[str, float]:
 def surveyed_model(dataset: xr.Dataset) -> Model:
     """Return the model of an open survey without a third axis, or of a slice.
 
-    Surveys from before there were two models name none, older ones have parameters as attributes alone.
+    The oldest surveys do not name their model, and have parameters as attributes only.
 
     Returns
     -------
     Model
-        The model.
+        With its parameters and harmonics.
 
     Raises
     ------
     SurveyError
-        : it has a third axis.
+        The survey has a third axis.
     """
     require_slice(third_of(dataset), None)
     given: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The empty store of a survey: every array, coordinate and attribute that it will ever have."""
+"""The empty store of a survey: all its arrays, coordinates and attributes."""
 
 import json
 import warnings
@@ -32,27 +32,26 @@ from gear_rattle.workers.survey.values.schema import SLOT, Quantity
 from gear_rattle.workers.survey.version import code_version
 from rattle.models import MODELS
 
-#: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
+#: Every chunk ends in a checksum, so that readers fail on a damaged chunk instead of showing wrong numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())
-#: Every chunk has a file, so that a lost one is told from one of fill values only.
+#: Every chunk has a file, so that a lost chunk differs from one with fill values only.
 WHOLE: Any = {"write_empty_chunks": True}
-#: The root is read whenever a survey is opened: two thirds of the bytes without white space.
+#: Without white space the root, which is read whenever a survey is opened, has a third fewer bytes.
 COMPACT = {"json_indent": None}
 
 
-Template = dict[str, bytes]  # of every file of a store without tiles, by its key
+Template = dict[str, bytes]  # content of every file of a store without tiles, by key
 
 
 def template_of(request: SurveyRequest, created: str | None = None) -> Template:
-    """Return what a survey's store consists of before its first tile; the date of its creation is now by default.
+    """Return the files of a survey's store before its first tile; the date of its creation is now by default.
 
-    Its metadata is consolidated here: chunks never touch it, so a survey can be opened from disk and over HTTP while it
-    runs, and nothing is left to go stale.
+    Metadata is consolidated here and chunks never change it, so a running survey can be opened from disk and over HTTP.
 
     Returns
     -------
     Template
-        Files by key.
+        Contents by key.
     """
     kept: dict[str, Buffer] = {}
     created = created or now()
@@ -67,19 +66,17 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
 
 
 def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
-    """Return a store that is kept in memory as the template of a request's.
-
-    With its metadata consolidated, and its manifest.
+    """Return a store in memory as a template, with its metadata consolidated and its manifest.
 
     Parameters
     ----------
     chunks : dict[str, str]
-        Each variable's key of chunks, with {row} and {column}.
+        Pattern of each variable's chunk keys, with {row} and {column}.
 
     Returns
     -------
     Template
-        Files by key.
+        Contents by key.
     """
     consolidate(MemoryStore(kept))
     template = contents(kept)
@@ -92,14 +89,14 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
 
 
 def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return what tiles write to, in memory: where it is kept, the arrays, and the key of each variable's chunks.
+    """Return empty arrays of a tile in memory: their files, the arrays, and the patterns of the chunks' keys.
 
-    What a store on a disk says of itself has no part in what is written to it.
+    A tile is encoded with these, independent of the metadata of a store on disk.
 
     Returns
     -------
     tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
-        Buffers, arrays and keys.
+        Files by key, arrays by variable, patterns of keys by variable.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
@@ -109,7 +106,7 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
 
 
 def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Return each variable's key of chunks, with {row} and {column}, and {slice} where there is a third axis."""
+    """Return patterns of each variable's chunk keys, with {row} and {column}, and {slice} if there is a third axis."""
     first = ["c", *(SLICE for _ in request.third_axis)]
     return {
         quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
@@ -119,12 +116,12 @@ def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str,
 
 
 def contents(kept: Mapping[str, Buffer]) -> Template:
-    """Return the bytes of the kept buffers."""
+    """Return the bytes of buffers, by key."""
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
 def consolidate(store: StoreLike) -> None:
-    """Gather all metadata in the root's: without that, an HTTP open gives an empty dataset and no error."""
+    """Copy all metadata into the root's: without that, an HTTP open gives an empty dataset and no error."""
     with warnings.catch_warnings(), zarr.config.set(COMPACT):
         # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
         warnings.simplefilter("ignore", ZarrUserWarning)
@@ -161,16 +158,16 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return the numbers of the machine, and which arrays are coordinates beside the axes (CF, for a whole file)."""
+    """Return the numbers of the machine, and the names of auxiliary coordinates, as CF wants them in the root."""
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [*(name for name in fixed(request) if name != request.third), *(AXES if machine else ())]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
 
 
 def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
-    """Return the parameters that all cells of a slice have, and what they are.
+    """Return the parameters that all cells of a slice share, with their descriptions.
 
-    Coordinates without a dimension, but for a third axis.
+    They are coordinates without a dimension, except for a third axis.
 
     Returns
     -------
@@ -181,7 +178,7 @@ def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return which model it is, with its parameters that are one number and its harmonics; NetCDF holds no null."""
+    """Return the model, its parameters that are numbers, and its harmonics; NetCDF cannot hold null."""
     numbers = {name: value for name, value in request.others.items() if isinstance(value, float)}
     harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
     return {"model": str(request.model), **numbers, **harmonics}
@@ -247,7 +244,7 @@ def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantit
 
 
 def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Group:
-    """Create the group of what a slice has beside its cells, once; the root itself without a third axis."""
+    """Create the group for curves and families of a slice, once; return the root itself without a third axis."""
     if not along:
         return root
     if SLICES not in root:
@@ -287,7 +284,7 @@ def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item:
 
 
 def write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
-    """Write an array whole, in one chunk: no tile ever writes to it."""
+    """Write a whole array in one chunk, to which no tile writes."""
     chunks = tuple(max(size, 1) for size in values.shape)  # a chunk of an empty array has a size too
     group.create_array(
         name, data=values, chunks=chunks, compressors=CODECS, config=WHOLE, dimension_names=dims, attributes=attributes

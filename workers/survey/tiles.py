@@ -1,4 +1,4 @@
-"""Tiles: the pieces that a survey is computed in, each by a pure function."""
+"""Tiles: the rectangles in which a survey is computed, each by a pure function."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -17,23 +17,20 @@ from gear_rattle.workers.survey.values.quantities import shape_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Quantity
 
 LONGEST_MESSAGE = 300
-POLL_SECONDS = 0.2  # between two questions whether a run shall stop
-GRACE_SECONDS = 2.0  # of tiles at work, after a stop
+POLL_SECONDS = 0.2  # between two checks of whether a run must stop
+GRACE_SECONDS = 2.0  # time for running tiles to end after a stop
 
-#: Failures of the machine, not of a cell: stored, they would make the survey depend on where it ran.
+#: Failures of the machine, not of a cell: if they were stored, results would depend on the machine.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
 FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
 TileArrays = dict[str, np.ndarray]
-CellOutcome = TileArrays | str  # a cell's values, or why there are none
+CellOutcome = TileArrays | str  # a cell's values, or the reason why there are none
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A rectangle of cells that is one chunk of every variable; index counts along δ first, then ε, then a third axis.
-
-    along: in which slice it is, as in `SurveyRequest.slices`. rounds: of its audits after the first, if it is refined.
-    """
+    """A rectangle of cells, a chunk of every variable; index counts along δ first, then ε, then a third axis."""
 
     index: int
     delta: slice
@@ -48,26 +45,26 @@ class Tile:
 
     @property
     def spans(self) -> tuple[slice, slice]:
-        """Its part of the grid, along (epsilon, delta)."""
+        """Slices of the grid, along (epsilon, delta)."""
         return self.epsilon, self.delta
 
     @property
     def at(self) -> tuple[int | EllipsisType | slice, ...]:
-        """Its part of a variable."""
+        """Index of the tile in a variable."""
         return *self.along, ..., self.epsilon, self.delta
 
 
 @dataclass(frozen=True)
 class TileRecord:
-    """Result of a tile. Failed cells are counted from the corner of the grid, rows of all slices on end."""
+    """Result of a tile. Rows of failed cells are numbered from the grid's first, through all slices."""
 
     index: int
     cells: int
     failed_cells: tuple[FailedCell, ...]
     undecided_cells: int
     seconds: float
-    impacts: int = 0  # on one wall, of all samples; 0 if none were followed, or in a process of their own
-    filled_cells: int = 0  # that were not computed: of a survey that is refined
+    impacts: int = 0  # impacts on one wall of all samples; 0 if none were followed, or if cells ran in another process
+    filled_cells: int = 0  # cells of a refined tile that were not computed
     files: dict[str, str] = field(default_factory=dict, compare=False)  # digests of its chunks, once it is written
 
 
@@ -87,7 +84,7 @@ def tiles_at(request: SurveyRequest, along: Along) -> list[Tile]:
 
 
 def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
-    """Return the cells of a tile, or the whole grid, which then has no third axis."""
+    """Return the cells of a tile, or without a tile the whole grid of a survey without a third axis."""
     request = request if tile is None else request.at(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
     return Cells(
@@ -105,14 +102,14 @@ def compute_tile(
 ) -> tuple[TileArrays, TileRecord]:
     """Compute every per-cell variable of a tile.
 
-    A pure function of the request and the cells: shape and order of the tiles do not show in the values.
-    A cell that fails has status 3, fill values elsewhere, and its message in the record; its neighbours are whole. A
-    tile of a survey that is refined is computed in all its cells if one of them fails, or if they come from elsewhere.
+    A pure function of the request and the cells: values do not depend on the shape or order of tiles. A cell that fails
+    has status 3, fill values elsewhere, and its message in the record; its neighbours are unaffected. All cells of a
+    refined tile are computed if one of them fails, or if outcomes are given.
 
     Parameters
     ----------
     outcomes : Iterable[CellOutcome] | None
-        Of the cells, row by row, if they come from elsewhere.
+        Outcomes of the cells, row by row, if they are computed elsewhere.
 
     Returns
     -------
@@ -131,7 +128,7 @@ def compute_tile(
             impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
         except MACHINE_FAILURES:
             raise
-        except Exception:  # whatever the model raises is that cell's result
+        except Exception:  # an error of the model is the result of that cell
             arrays, failed = _gather(request, cells, cell_outcomes(request, tile))
     first_row = sum(tile.along) * request.shape[0] + tile.epsilon.start
     record = TileRecord(
@@ -147,18 +144,18 @@ def compute_tile(
 
 
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
-    """Return the cells of a tile, of which only some are computed."""
+    """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.at(tile.along))
-    # those that are not known in closed form take minutes
+    # curves that are not known in closed form take minutes
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    # A bound takes the audits of all slices together, so each has draws of its own; without, a slice is a survey.
+    # A bound combines the audits of all slices, so each slice has its own draws; without a bound a slice is a survey.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
     plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
 
 
 def first_audit(request: SurveyRequest) -> Round:
-    """Return the first round of audits of a survey that is refined."""
+    """Return the first round of audits of a refined survey."""
     assert request.refine is not None
     return first_round(request.refine.audit, request.refine.bound, request.n_cells)
 
@@ -175,17 +172,17 @@ def _values(quantity: Quantity, cells: Cells) -> np.ndarray:
 def cell_outcomes(
     request: SurveyRequest, tile: Tile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
-    """Evaluate each cell alone, row by row from number `first`, so that one which fails is the only one lost.
+    """Evaluate each cell alone, row by row from number `first`, so that a failing cell does not affect the others.
 
     Parameters
     ----------
     failing : tuple[type[Exception], ...]
-        Failures of the machine that are a cell's failure here.
+        Failures of the machine that count as failures of a cell here.
 
     Yields
     ------
     CellOutcome
-        Outcome of each cell.
+        Values of a cell, or the message of its failure.
     """
     cells = cells_of_tile(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
@@ -218,7 +215,7 @@ def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
 
 
 def described(request: SurveyRequest, tile: Tile) -> str:
-    """Return how messages name a tile."""
+    """Return the name of a tile in messages."""
     delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
     third = "".join(f", {name} {getattr(request.at(tile.along), name)}" for name in request.third_axis)
     return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]}{third})"

@@ -11,14 +11,14 @@ FOLDERS = ("survey", "populations")
 
 @cache
 def code_version() -> str:
-    """Return the version of the library with a digest of every source that decides what a cell holds.
+    """Return the version of the library, with a digest of every source that decides the contents of a store.
 
-    Those of surveys and of populations.
+    These are the sources of rattle, and those of surveys and of populations.
 
     Returns
     -------
     str
-        Version and digest.
+        Such as "1.0+0123456789abcdef", with 16 hexadecimal digits.
     """
     digest = sha256(rattle.source_hash().encode())
     for folder in FOLDERS:

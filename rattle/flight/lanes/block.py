@@ -66,7 +66,7 @@ TABLES = {
 
 
 def _layout() -> np.dtype[np.void]:
-    """One block: the fields one after the other, each of whole cache lines, and the tables."""
+    """Return the dtype of one block: the fields one after the other, each of whole cache lines, and the tables."""
     ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
     offsets = dict(zip([*FIELDS, ""], ends, strict=True))
     fields = [(name, (of, (LANES,)), offsets[name]) for name, of in FIELDS.items()]
@@ -153,12 +153,12 @@ def close_ranks(b):
 def stretched(b, i):
     """Return ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
 
-    There a flight has determinant e^(−δs); dw²/2 = w dw at both ends.
+    In these coordinates a flight has determinant e^(−δs), as dw²/2 = w dw at both ends.
 
     Returns
     -------
-    result
-        Both logarithms.
+    tuple[float, float]
+        ln stretch and ln|determinant|.
     """
     w = b.w[i]
     energy = b.w_tangent[i] * w
@@ -170,15 +170,7 @@ def stretched(b, i):
 
 @inline
 def overflows(b, i):
-    """Return whether the tangent vector of lane i or its determinant must be reset.
-
-    They would leave double precision.
-
-    Returns
-    -------
-    result
-        True if they must be reset.
-    """
+    """Return whether lane i's tangent vector or its determinant must be reset before they leave double precision."""
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
     return not inside
@@ -220,12 +212,10 @@ def made_ready(b, groups, none_waits):
 def roughest(b, groups):
     """Return the roughest stage that the lanes need.
 
-    ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH.
-
     Returns
     -------
-    result
-        SMOOTH, ROUGH or ARCS.
+    int
+        ARCS if the contact force changes sign on any lane, ROUGH if it comes near that, else SMOOTH.
     """
     found = SMOOTH
     for i in range(GROUP * groups):
@@ -241,7 +231,7 @@ def block() -> np.ndarray:
     Returns
     -------
     np.ndarray
-        An array with one record.
+        (1,), one record of `_layout`.
     """
     raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64

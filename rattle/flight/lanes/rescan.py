@@ -71,7 +71,7 @@ def flight_scanned(b, i):
 
 @inline
 def arc_scanned(b, i):
-    """Its arc."""
+    """Return the phase arc where the contact force of lane i is negative."""
     k = np.uint64(i)
     return Arc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 

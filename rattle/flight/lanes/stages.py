@@ -151,8 +151,8 @@ def keep_or_take(go, new, old):
 
     Returns
     -------
-    result
-        The chosen number.
+    float
+        `new` where the lane goes on, else `old`.
     """
     return new if go else max(old, LEAST)
 

@@ -158,5 +158,5 @@ def grow(memory, work, centres, cells, paths):
 
 
 def enlarge(memory, centres, cells):
-    """See `Classifier.enlarge`."""
+    """Enlarge the balls of these centres as `Classifier.enlarge` does, for the impacting gear."""
     grow(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

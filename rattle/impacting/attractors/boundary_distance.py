@@ -1,4 +1,4 @@
-"""How far quiet motion is from the basin of another attractor: the least speed after an impact that leads there.
+"""The distance of quiet motion from the basin of another attractor: the least speed after an impact that leads there.
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of the states that do not go to rest. It
 is sought in four steps: a sample of the plane by the classifier of `rattle.attractors.table`; preimages of the basins
@@ -113,14 +113,14 @@ class _Cells:
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
-        """Return whether states (k,) of these cells go to another attractor.
+        """Return whether states (k,) of these cells go to another attractor than quiet motion.
 
-        Chaotic is what is left in a cell with chaos.
+        In a cell with chaos, what is left without an attractor counts as chaotic.
 
         Returns
         -------
         NDArray[np.bool_]
-            True for states that go to another attractor.
+            (k,), False for states that become quiet or stay undecided.
         """
         status = self.classifier.settled(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
@@ -227,7 +227,7 @@ def boundary_distances(
     Returns
     -------
     BoundaryDistance
-        The distance of each cell.
+        Arrays of the broadcast shape.
 
     Raises
     ------
@@ -265,8 +265,8 @@ def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
 
     Returns
     -------
-    result
-        Arrays τ and v of the preimages.
+    tuple[Array, Array]
+        τ and v of the slowest preimage of each state.
     """
     out_tau, out_v = tau.copy(), v.copy()
     for i in range(tau.size):

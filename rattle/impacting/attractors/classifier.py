@@ -68,14 +68,14 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
+        """Return cells in which nothing is taken to be quiet: periodic orbits never are, and this costs less."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """See `Classifier`; a trajectory that becomes quiet goes on bouncing."""
+        """Follow states as `Classifier` says; a trajectory that becomes quiet goes on bouncing."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -133,7 +133,7 @@ def attractors_of(
     Returns
     -------
     AttractorTable
-        A row for each attractor.
+        A row for each attractor of each cell, cell by cell.
 
     Raises
     ------

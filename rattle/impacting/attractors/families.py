@@ -34,7 +34,7 @@ def families_of(
     Returns
     -------
     Families
-        The families, and the cells' attractors with their numbers.
+        Arrays (rows,) of the cells' attractors, each with the number of its family.
 
     Raises
     ------

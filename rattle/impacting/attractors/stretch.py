@@ -80,7 +80,7 @@ def stretch(
 ) -> NDArray[np.float64]:
     """Return the sums over the impacts of chaotic motions (n,) of these cells.
 
-    Each is followed so many times as long as where damping is strong.
+    Each motion is followed `longer` times as long as where damping is strong.
 
     Returns
     -------

@@ -48,12 +48,12 @@ class Branch(FollowedBranch):
 
     @property
     def times(self) -> Array:
-        """When the motions meet the walls (k, n), in forcing periods, the first in [0, 1)."""
+        """Return the times at which the motions meet the walls (k, n), in forcing periods, the first in [0, 1)."""
         return self.unknowns[:, : self.itinerary.n]
 
     @property
     def departures(self) -> Array:
-        """When the motions leave the walls (k, n): at the impacts."""
+        """Return the times at which the motions leave the walls (k, n): those of the impacts."""
         return self.times
 
     @property
@@ -107,7 +107,7 @@ def branch(
     Returns
     -------
     Branch
-        The branch.
+        Points ordered along the branch, with the events between them.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def doubled(
     Returns
     -------
     Branch
-        The branch.
+        It begins at the flip.
 
     Raises
     ------
@@ -156,14 +156,13 @@ def doubled(
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
     """Return the branches that meet at a graze (GR).
 
-    They belong to the motion that misses the wall, and to the one that touches it. Arguments and errors as `branch`.
-
-    Arguments and errors as `branch`.
+    The first belongs to the motion that misses the wall, the second to the one that touches it. Arguments and errors
+    are those of `branch`.
 
     Returns
     -------
     tuple[Branch, Branch]
-        Both branches.
+        The branch without the grazing impact, and the one with it.
 
     Raises
     ------
@@ -184,12 +183,12 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
     """Return the branch through a solution x (n + 2,) of the impact equations.
 
-    Other arguments and errors as `branch`.
+    Other arguments and errors are those of `branch`.
 
     Returns
     -------
     Branch
-        The branch.
+        Both ways from the solution.
     """
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
@@ -198,16 +197,14 @@ def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, re
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
     """Follow a motion on the straight way to other parameters.
 
-    Itself there, or the first event at which it ceases to happen or its stability changes; None if neither can be
-    found.
-
     Where Newton's method finds the motion there at once, close by and as stable, and from it this one here, nothing is
     looked for on the way.
 
     Returns
     -------
     PeriodicOrbit | Event | None
-        The motion there, the event that ends it, or None if neither can be found.
+        The motion at the other parameters, or the first event at which it ceases to happen or its stability changes;
+        None if neither can be found.
 
     Raises
     ------
@@ -234,15 +231,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Return whether Newton's method leads from one motion to the other.
-
-    Next to a fold it may find a neighbour of it.
-
-    Returns
-    -------
-    bool
-        True if it does.
-    """
+    """Return whether Newton's method leads from one motion to the other; next to a fold it may find a neighbour."""
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 

@@ -64,7 +64,7 @@ def _no_square_root(delta: float, beta: float) -> float:
 class Condition:
     """Codimension-two point: the condition along the grazing curve, and the curves that meet there.
 
-    Each with the side on which it exists (−1: smaller δ).
+    Each curve has the side on which it exists (−1: smaller δ).
     """
 
     meaning: str
@@ -107,15 +107,14 @@ class CodimensionTwo:
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
     """Return the points COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta.
 
-    Points that it does not have are left out, and below β = 1e-6 all. Positions to about 1e-12, orders by a fit.
-
-    Positions to about 1e-12, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
-    the paper's (section 5.2); COD20 and COD23 are not in it.
+    Points that it does not have are left out, and below β = 1e-6 all. Positions are good to about 1e-12, orders come
+    from a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are the paper's (section 5.2);
+    COD20 and COD23 are not in it.
 
     Returns
     -------
     tuple[CodimensionTwo, ...]
-        The points.
+        Each with its δ and ε, and the curves that meet there.
     """
     beta = require_number("beta", beta, positive=True)
     return _points(beta)
@@ -154,14 +153,13 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
     """Return the measured order at which each pair of curves touches.
 
-    A curve that ends there is continued virtually.
-
-    Farther away than a share of δ of the point's own damping, curves that touch are as straight as those that cross.
+    A curve that ends there is continued virtually. Farther away than a share of δ of the point's own damping, curves
+    that touch are as straight as those that cross.
 
     Returns
     -------
     dict[tuple[str, str], float]
-        Order of each pair of names.
+        1 for curves that cross, 2 for those that touch, by the pair's names.
     """
     distances = np.geomspace(1e-5, 1e-2, 13) * delta * plane_scale(delta)
     orders = {}

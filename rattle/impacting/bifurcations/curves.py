@@ -42,8 +42,8 @@ def trace(
 ) -> Curve:
     """Return the bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
 
-    Followed by pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions
-    to rounding (`Curve`).
+    It is followed by pseudo-arclength continuation of the impact equations with the curve's condition; points are
+    solutions to rounding (`Curve`).
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def trace(
     Returns
     -------
     Curve
-        The curve in pieces.
+        In pieces, each from one end in the window to the other.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def bifurcation_curve(
     Returns
     -------
     Curve
-        The curve, in pieces.
+        In pieces, each from one end in the window to the other.
 
     Raises
     ------
@@ -175,12 +175,12 @@ def _named(name: str, x: Array, reason: str, beta: float) -> str:
 def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     """Return the curve on which the contact force on Σ⁺ just reaches 0.
 
-    x = (phase, δ, ε); the force and its derivative vanish.
+    The unknowns are x = (phase, δ, ε); the force and its derivative vanish.
 
     Returns
     -------
     Curve
-        The curve.
+        `quiet_limit`, in pieces inside the window.
     """
 
     def equations(x: Array) -> Array:

@@ -31,7 +31,7 @@ class ImpactingMotions(Motions):
     classifier = ImpactingClassifier
 
     def steps(self, position: Array) -> Parameters:
-        """See `Motions`."""
+        """Return the impacting gear's parameters at these positions (`Motions.steps`)."""
         delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
@@ -46,7 +46,7 @@ class ImpactingMotions(Motions):
                     yield found
 
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """See `Motions`; None also where rounding does not let it be one."""
+        """Return the motion near this state (`Motions.near`); None also where rounding does not let it be one."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:
@@ -55,24 +55,24 @@ class ImpactingMotions(Motions):
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
     def problem(self, itinerary: Itinerary) -> ContinuationProblem:
-        """See `Motions`."""
+        """Return the impact equations along the segment (`Motions.problem`)."""
         return on_line(itinerary, self.segment.start, self.segment.direction)
 
     def solved(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
-        """See `Motions`."""
+        """Return the orbit of a solution of the impact equations (`Motions.solved`)."""
         found = at_parameters(itinerary, np.append(y[:-1], self.segment.at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
     def through(self, motion: Motion, span: tuple[float, float]) -> Branch:
-        """See `Motions`."""
+        """Return the branch of a motion on this span of the segment (`Motions.through`)."""
         return through(*motion, self._direction, span, POINTS_ACROSS)
 
     def doubled(self, event: Event, span: tuple[float, float]) -> Branch:
-        """See `Motions`."""
+        """Return the doubled branch that leaves a flip (`Motions.doubled`)."""
         return doubled(event, self._direction, span, POINTS_ACROSS)
 
     def events(self, found: Branch) -> tuple[Event, ...]:
-        """See `Motions`."""
+        """Return the events of a branch (`Motions.events`)."""
         return found.events
 
     def beside(self, event: Event) -> Iterator[Motion]:
@@ -100,7 +100,7 @@ def diagram(
 ) -> Diagram[Branch, Event]:
     """Return the bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
 
-    Deterministic.
+    It is deterministic in all arguments.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def diagram(
     Returns
     -------
     Diagram[Branch, Event]
-        Sweeps, branches and events.
+        Sweeps, branches and events, and what was left out.
 
     Raises
     ------

@@ -81,7 +81,7 @@ class Event:
 
     @property
     def multipliers(self) -> NDArray[np.complex128]:
-        """Both multipliers (2,); at a graze those of the motion that misses the wall."""
+        """Return both multipliers (2,); at a graze those of the motion that misses the wall."""
         return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
 
 
@@ -130,7 +130,7 @@ def between_twins(
     Returns
     -------
     list[tuple[int, Array, Array]]
-        The solutions.
+        By rising number of the point after which they come.
     """
     tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

@@ -23,7 +23,7 @@ PAPER = "Mason and Piiroinen (2009)"
 
 @dataclass(frozen=True)
 class Definition:
-    """One bifurcation curve: its condition on the motion that meets `walls` in one forcing period.
+    """The definition of one bifurcation curve: its condition on the motion that meets `walls` in one forcing period.
 
     meaning: what happens there, to which orbits. starts: guesses of the unknowns (n + 2,) at (δ, β). belongs: None for
     a solution that is on this curve, else why it is not. impact: the one that grazes, if one does.

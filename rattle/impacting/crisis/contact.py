@@ -72,7 +72,8 @@ class ManifoldFrame:
     def heights(self, states: Array) -> tuple[Array, Array]:
         """Return the signed distance of states (2, n) from W^s(A), and the place t on W^s(A) beside them.
 
-        Along the unstable eigenvector; |t| at A's arclength; infinite where the series does not reach.
+        The distance is along the unstable eigenvector; |t| is A's arclength; both are infinite where the series does
+        not reach.
 
         Returns
         -------
@@ -140,7 +141,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     Returns
     -------
     Crisis
-        The contact.
+        With ε at which the piece touches W^s(A), and how.
 
     Raises
     ------
@@ -160,12 +161,12 @@ def solve_delta(
 ) -> Crisis:
     """Return the contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once.
 
-    As `solve_contact`.
+    Other arguments are those of `solve_contact`.
 
     Returns
     -------
     Crisis
-        The contact.
+        With δ at which the piece touches W^s(A), and how.
     """
 
     def m(x: float) -> float:
@@ -216,13 +217,13 @@ def reach(crisis: Crisis) -> float:
 def root_slope(crisis: Crisis) -> float:
     """Return the coefficient b of h = b √x + c x + … at the corner next to this contact.
 
-    On the side where the square root is, x the distance along W^u(A) relative to s. Positive: the corner touches;
+    X is the distance along W^u(A) relative to s, on the side where the square root is. Positive: the corner touches;
     negative: the bend beside it.
 
     Returns
     -------
     float
-        The coefficient b.
+        b, in units of h.
 
     Raises
     ------

@@ -147,13 +147,13 @@ def crisis_curve(
 ) -> CrisisCurve:
     """Return the boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
 
-    At most resolution apart in δ; towards COD22, by steps of ε − SN1, to 1e-5 of SN1. ε as accurate as
-    `boundary_crisis`, which begins it.
+    Points are at most `resolution` apart in δ; towards COD22 they go by steps of ε − SN1, to 1e-5 of SN1. ε is as
+    accurate as that of `boundary_crisis`, which begins the curve.
 
     Returns
     -------
     CrisisCurve
-        The contacts along the curve.
+        Contacts by rising δ, and why they end at both sides.
 
     Raises
     ------

@@ -88,7 +88,7 @@ class Saddles(NamedTuple):
 
 
 def _longer(delta: Array) -> Array:
-    """By how much a relaxation takes longer than where damping is strong."""
+    """Return by which factor a relaxation takes longer than where damping is strong."""
     return longest_rest(delta) / LONGEST_REST
 
 
@@ -113,8 +113,8 @@ def _direction(
 class FollowedManifold:
     """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points.
 
-    After so many impacts (n,) at most; s (n, count): their distance from A at the start, which is their place on
-    W^u(A).
+    They are followed for at most `impacts` (n,). s (n, count): their distance from A at the start, which is their place
+    on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:

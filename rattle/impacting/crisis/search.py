@@ -70,12 +70,12 @@ def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float
 def _runs(delta: float, beta: float, gap: float) -> list[Array]:
     """Return runs of places s in a fundamental domain of W^u(A) that escape, longest first.
 
-    With one more on both sides.
+    Each run has one more place on both sides.
 
     Returns
     -------
     list[Array]
-        Places of each run.
+        Rising places s of each run.
 
     Raises
     ------
@@ -114,12 +114,12 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
     """Return the contact of a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low.
 
-    The longest of which the contact is found.
+    It is that of the longest such piece of which the contact is found.
 
     Returns
     -------
     Crisis
-        The contact with W^s(A).
+        Between SN1 + low and SN1 + high.
     """
     *runs, last = _runs(delta, beta, high)[:MOST_RUNS]
     for run in runs:
@@ -175,7 +175,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     Returns
     -------
     Crisis
-        The contact.
+        With its ε, and whether a corner or a tangency touches W^s(A).
 
     Raises
     ------

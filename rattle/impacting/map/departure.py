@@ -1,4 +1,4 @@
-"""From any state of the motion to its next departure from Σ⁺."""
+"""The next departure from Σ⁺ of any state of the motion."""
 
 from rattle.errors import RattleError, require
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
@@ -10,7 +10,7 @@ from rattle.flight.law import evaluate, folded, leaving
 def departure(
     delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
-    """See `rattle.Gear.departure`; tau ∈ [0, 1)."""
+    """Return the departure of `rattle.Gear.departure`; tau ∈ [0, 1)."""
     require(abs(position) <= beta, f"position must be from {-beta} to {beta}, the walls, got {position}")
     wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall: before it is reflected

@@ -34,7 +34,7 @@ class GammaPiece(NamedTuple):
 
 
 def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
-    """See `rattle.Gear.gamma`; unit: the speed that is as far as a forcing period."""
+    """Return the pieces of `rattle.Gear.gamma`; unit is the speed that counts as much as a forcing period."""
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 

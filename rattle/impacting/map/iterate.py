@@ -30,7 +30,7 @@ FLIGHTS = np.int64(20)  # between two looks at the lanes; divides the round numb
 
 
 class _Memory(threading.local):
-    """One block to work in for every thread."""
+    """The blocks to work in, one for every thread."""
 
     def __init__(self) -> None:
         self.block = block()
@@ -49,11 +49,9 @@ def _driver(tangent: bool) -> Any:
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays, lanes refilled as they finish.
 
-        Returns (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
-
         Returns
         -------
-        result
+        tuple of ndarray
             (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
         """
         b, size = memory[0], tau.size

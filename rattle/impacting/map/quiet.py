@@ -98,7 +98,7 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
     Returns
     -------
     Array
-        Number of impacts.
+        Numbers of impacts, not rounded.
     """
     with np.errstate(divide="ignore"):
         return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
@@ -112,20 +112,12 @@ def longest_rest(delta: Array) -> Array:
     Returns
     -------
     Array
-        Number of impacts.
+        Numbers of impacts.
     """
     return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether there is quiet motion, but takes more than `longest_rest` impacts.
-
-    No sample tells it from chaos then.
-
-    Returns
-    -------
-    NDArray[np.bool_]
-        True where no sample tells it from chaos.
-    """
+    """Return where quiet motion takes more than `longest_rest` impacts, so that no sample tells it from chaos."""
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > longest_rest(delta))

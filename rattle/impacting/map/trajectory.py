@@ -51,5 +51,5 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
 def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
-    """See `rattle.Gear.trajectory`; slowest: the speed of what is certain to become quiet."""
+    """Return the motion of `rattle.Gear.trajectory`; slowest is the speed of what is certain to become quiet."""
     return sampled_motion(sampled, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)

@@ -57,7 +57,7 @@ def keep(work, n, delta, epsilon, beta):
 def point_reached(work, n, s, farthest, delta, epsilon, beta):
     """Return the point of the curve in the plane across the walk's direction at distance s.
 
-    By corrections no longer than `farthest`.
+    Corrections on the way to it are no longer than `farthest`.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def begin_walk(work, n, delta, epsilon, beta):
 def walk_round(work, n, span, longest, delta, epsilon, beta):
     """Keep all stable orbits on the circuit near the motion.
 
-    Until its first time has changed by `span` or the circuit closes. Steps are no longer than `longest`.
+    The walk ends when its first time has changed by `span` or the circuit closes. Steps are no longer than `longest`.
 
     Returns
     -------

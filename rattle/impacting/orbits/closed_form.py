@@ -96,8 +96,8 @@ def solve_bracketed(kind, level, lo, hi, delta, beta):
 
     Returns
     -------
-    result
-        The root.
+    float
+        The argument of the residual at which it vanishes, to adjacent doubles.
     """
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
@@ -161,12 +161,12 @@ def fill_nodes(delta, beta, sigma, e):
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
     """Return increasing σ and ε(σ), between which ε is monotone.
 
-    A scan that is geometric about the pole, with the turning points added.
+    They come from a scan that is geometric about the pole, with the turning points added.
 
     Returns
     -------
     tuple[Array, Array]
-        σ and ε.
+        σ and ε, of one length.
     """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_nodes(delta, beta, sigma, e)
@@ -253,12 +253,10 @@ def period_one_cells(
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """Return all admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other.
 
-    (exists, τ, v, trace), (4, n).
-
     Returns
     -------
     tuple[NDArray[np.bool_], Array, Array, Array]
-        (exists, τ, v, trace), each (4, n).
+        (exists, τ, v, trace), each (4, n), NaN where there is none.
     """
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
@@ -283,13 +281,11 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ).
-
-    Its minimum is on Σ⁻, and nothing else is touched.
+    """Return the grazing orbit of that σ: its minimum is on Σ⁻, and nothing else is touched.
 
     Returns
     -------
-    result
+    tuple
         (admissible, ε, τ, ε cos 2πτ).
     """
     x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)

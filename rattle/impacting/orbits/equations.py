@@ -107,12 +107,10 @@ class Itinerary(Equations):
     def monodromy(self, x: Array) -> Array:
         """Return the product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs).
 
-        Infinite at a graze.
-
         Returns
         -------
         Array
-            The matrix.
+            (2, 2), infinite at a graze.
         """
         flights = self.flights(x)
         product = np.eye(2)
@@ -130,12 +128,10 @@ class Itinerary(Equations):
     def trace(self, x: Array) -> float:
         """Return the trace of the monodromy.
 
-        Infinite at a graze, where the terms are too, of either sign, and have no sum.
-
         Returns
         -------
         float
-            The trace.
+            Infinite at a graze, where the terms are too, of either sign, and have no sum.
         """
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
@@ -154,7 +150,7 @@ def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Continuati
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
     """Return both multipliers (2,) of the motion of x.
 
-    At a graze those of the motion that misses the impact `grazed`, which are finite.
+    At a graze they are those of the motion that misses the impact `grazed`, which are finite.
 
     Returns
     -------

@@ -96,15 +96,13 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
     """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
 
-    Another set of orbits, as it is beside the paper's plane, by its number in `rattle.REGIONS`. δ > 0, ε ≥ 0, β > 0,
-    dimensionless.
-
-    δ > 0, ε ≥ 0, β > 0, dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
+    Another set of orbits, as it is beside the paper's plane, has its number in `rattle.REGIONS`. δ > 0, ε ≥ 0, β > 0,
+    dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
 
     Returns
     -------
     NDArray[np.int8]
-        Number of each region.
+        Of the broadcast shape.
     """
     return classify(period_one(delta, epsilon, beta))
 

@@ -27,17 +27,17 @@ class PeriodicOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """When it leaves the walls (n,): at the impacts."""
+        """Return the times at which the motion leaves the walls (n,): those of the impacts."""
         return self.times
 
     @property
     def point(self) -> Point:
-        """Its parameters; nothing is taken to be quiet."""
+        """Return the motion's parameters; nothing is taken to be quiet."""
         return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:
-        """Its walls in their order."""
+        """Return the walls of the motion in their order."""
         return Itinerary(self.walls, self.m, self.beta)
 
     @property
@@ -55,26 +55,25 @@ def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
 def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
     """Return whether the motion of x (n + 2,) is admissible.
 
-    It leaves each wall into the gap, and each flight ends at its first impact. Impact number `grazed`, if given, has
-    speed 0 and may be made or missed.
+    It is if it leaves each wall into the gap, and each flight ends at its first impact. Impact number `grazed`, if
+    given, has speed 0 and may be made or missed.
 
     Returns
     -------
     bool
-        True if it is.
+        False where the motion is virtual.
     """
     return first_failure(itinerary, x, grazed) is None
 
 
 def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
-    """Return the first flight that does not happen: (its impact of departure, the wall that it meets instead and when).
-
-    Wall 0: the motion would have to leave from behind the wall. None if all flights happen.
+    """Return the first flight that does not happen.
 
     Returns
     -------
     tuple[int, int, float] | None
-        The failure, or None.
+        Its impact of departure, the wall that it meets instead and when; wall 0 if the motion would have to leave from
+        behind the wall. None if all flights happen.
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
@@ -121,14 +120,12 @@ def _impact(
 def follow_impacts(
     delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
 ) -> tuple[Itinerary, Array]:
-    """Return the itinerary and the unknowns (n + 2,) of the flights from (τ, v) on.
-
-    Until Σ⁺ has been met n_plus times more.
+    """Return the itinerary and the unknowns of the flights from (τ, v) on, until Σ⁺ has been met n_plus times more.
 
     Returns
     -------
     tuple[Itinerary, Array]
-        The itinerary and the unknowns.
+        The walls, and (n + 2,): times of the impacts, δ and ε.
 
     Raises
     ------
@@ -162,7 +159,7 @@ def periodic_orbit(
     Returns
     -------
     PeriodicOrbit
-        The motion.
+        With its impacts, multipliers and stability.
 
     Raises
     ------
@@ -191,7 +188,7 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     Returns
     -------
     PeriodicOrbit
-        The motion.
+        The argument itself, if it is one.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
@@ -201,7 +198,7 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
 
 
 def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
-    """None if the motion of x happens (`admissible`), else what happens instead, in words."""
+    """Return None if the motion of x happens (`admissible`), else what happens instead, in words."""
     failure = first_failure(itinerary, x, grazed)
     if failure is None:
         return None
@@ -218,7 +215,7 @@ def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6
     Returns
     -------
     PeriodicOrbit
-        The motion.
+        With its impacts, multipliers and stability.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
 
 
 def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
-    """Return a bound H of all bounces.
+    """Return a bound of all bounces.
 
     They return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at 2H; and they are lower than
     the gap, y ≤ v²/(2 least g).
@@ -59,7 +59,7 @@ def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     Returns
     -------
     arb
-        The bound H.
+        H, above that of every bounce.
 
     Raises
     ------

@@ -42,7 +42,7 @@ Span = tuple[str, float, float]  # a claim and the ε between which it holds
 
 
 def columns(delta: Ends, number: int) -> list[Ends]:
-    """So many columns of equal width."""
+    """Return `number` columns of equal width over δ."""
     low, high = delta
     places = [low + (high - low) * i / number for i in range(number + 1)]
     return list(pairwise(places))
@@ -119,12 +119,12 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
 def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds, as doubles tell.
 
-    At both edges and in the middle of a column.
+    They hold at both edges and in the middle of a column.
 
     Returns
     -------
     list[Span]
-        The spans.
+        (claim, low, high) of each span.
     """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
     found = [_spans(kind, place, beta, epsilon) for place in places]
@@ -139,7 +139,7 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
 
 
 def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Likewise, at one δ."""
+    """Return the spans of ε on which each claim of a kind holds, as doubles tell at one δ."""
     grid = _places(delta, beta, epsilon)
     here = _claims(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])

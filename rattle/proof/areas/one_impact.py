@@ -53,7 +53,13 @@ def exists(piece: PlanePiece, letter: str) -> bool | None:
 
 
 def attracts(piece: PlanePiece, letter: str) -> bool | None:
-    """Likewise, of one that is there, whether both its multipliers are inside the unit circle (else one is outside)."""
+    """Return whether both multipliers of a motion that is there are inside the unit circle.
+
+    Returns
+    -------
+    bool | None
+        False if one is outside, None if it is not told.
+    """
     if letter == "A":
         return False  # X < 0: its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
     x, limit = cosines(piece, letter, centred(offset, piece.delta)), centred(most_stable, piece.delta)

@@ -12,7 +12,7 @@ FINEST = arb(2.0**-12)  # part of a flight, in periods; what is not told of it c
 
 @dataclass(frozen=True)
 class PlanePiece:
-    """All δ and ε of two balls, at one β."""
+    """A piece of the plane: all δ and ε of two balls, at one β."""
 
     delta: arb
     epsilon: arb

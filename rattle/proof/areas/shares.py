@@ -1,4 +1,4 @@
-"""How much of a plane is proved, from the blocks' areas: exact sums."""
+"""The proved share of a plane, from the blocks' areas: exact sums."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class Share:
 
 
 def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
-    """Return the shares of a plane of this area.
+    """Return the shares of a plane of this area, one for each claim.
 
     Blocks of one claim do not overlap, nor do those of I to V.
 
     Returns
     -------
     list[Share]
-        A share for each claim.
+        Exact fractions of the area.
     """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:

@@ -88,14 +88,14 @@ class SolutionCell:
 
     @cached_property
     def halves(self) -> tuple[SolutionCell, SolutionCell]:
-        """Both halves."""
+        """Return both halves of the cell."""
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(f"about s = {float(middle):.4f} it is not told which motions of two impacts there are")
         return self.between(self.start, middle), self.between(middle, self.end)
 
     def between(self, start: arb, end: arb) -> SolutionCell:
-        """Another cell, at the same δ."""
+        """Return another cell, between these s, at the same δ."""
         return SolutionCell(start, end, self.delta, self.beta)
 
     @cached_property
@@ -110,7 +110,7 @@ class SolutionCell:
         return found, *changes, [self._moved(*three) for three in zip(found, *changes, strict=True)]
 
     def _moved(self, middle: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
-        """By the mean value theorem."""
+        """Return enclosures over the cell by the mean value theorem, from the middle and the derivatives by s and δ."""
         ds, dd = self.s - self.s.mid(), self.delta - self.delta.mid()
         return [m + f * ds + g * dd for m, f, g in zip(middle, by_s, by_delta, strict=True)]
 
@@ -181,12 +181,12 @@ class SolutionCell:
     def empty(self, epsilon: arb) -> bool:
         """Return whether no motion with these ε is in the cell.
 
-        v > 0, u > 0 and ε between both nowhere hold together.
+        It is empty where v > 0, u > 0 and ε between both nowhere hold together.
 
         Returns
         -------
         bool
-            True if it is empty.
+            False means that a motion may be there.
         """
         if self.least > epsilon:
             return True
@@ -201,12 +201,10 @@ class SolutionCell:
     def holds(self, letter: str, epsilon: arb) -> bool | None:
         """Return whether all solutions with these ε are of this letter and happen.
 
-        Else none is, or None: it is not told.
-
         Returns
         -------
         bool | None
-            The answer; None if undecided.
+            False if none of them is and does, None if it is not told.
         """
         if self.empty(epsilon) or (self.solvable and -RISES[letter] * self.rise > 0):
             return False
@@ -296,12 +294,10 @@ def cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
 def motions(piece: PlanePiece, all_s: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
     """Return all B (D) that there are at each point of the piece, each by the cells that it is in.
 
-    Raises NotProvedError.
-
     Returns
     -------
     list[list[SolutionCell]]
-        Cells of each motion.
+        A list of neighbouring cells for each motion.
 
     Raises
     ------
@@ -326,12 +322,10 @@ def motions(piece: PlanePiece, all_s: tuple[SolutionCell, SolutionCell], letter:
 def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
     """Return whether both multipliers are inside the unit circle wherever in these cells a motion is.
 
-    Else one is outside everywhere. Raises NotProvedError.
-
     Returns
     -------
     bool
-        True if both are inside, False if one is outside.
+        True if both are inside, False if one is outside everywhere.
 
     Raises
     ------
@@ -355,15 +349,13 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
 def _crosses(piece: PlanePiece, run: list[SolutionCell], rises: int) -> bool:
     """Return whether ε(s), which is monotone over these cells, takes each ε of the piece once there.
 
-    Else it takes none.
-
     At their ends it takes none at any δ of the piece, because the cells beyond are empty: so one δ tells on which side
     it is.
 
     Returns
     -------
     bool
-        True if it crosses.
+        False if it takes none of them.
 
     Raises
     ------

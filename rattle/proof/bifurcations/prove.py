@@ -47,7 +47,7 @@ def certify_curve_point(
     Returns
     -------
     BifurcationCertificate
-        The certificate.
+        A theorem about the point, which the checker verifies by itself.
 
     Raises
     ------
@@ -102,12 +102,12 @@ def _apart(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
 def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertificate:
     """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`).
 
-    At the damping that the event has. Raises ParameterError, and NotProvedError.
+    The proof is at the damping that the event has. Raises ParameterError, and NotProvedError.
 
     Returns
     -------
     BifurcationCertificate
-        The certificate.
+        A theorem about the point, which the checker verifies by itself.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     Returns
     -------
     tuple[BifurcationCertificate, ...]
-        A certificate for each.
+        One for each point that the half-backlash has.
 
     Raises
     ------

@@ -16,7 +16,7 @@ THEOREM = "horseshoe"
 class Loop:
     """A chain of coverings from set 0 through these sets (L − 1,) back to it.
 
-    Of each of its L steps how often Σ⁻ is met, and how many forcing periods later the next set is meant.
+    Each of its L steps has how often Σ⁻ is met, and how many forcing periods later the next set is meant.
     """
 
     sets: tuple[int, ...]

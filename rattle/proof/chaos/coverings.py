@@ -60,11 +60,11 @@ class HSet:
 
     @cached_property
     def middle(self) -> arb_mat:
-        """Its centre (2, 1)."""
+        """Return the centre of the set (2, 1)."""
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
     def corners(self) -> Iterator[Pair]:
-        """Its corners."""
+        """Yield the corners of the set."""
         for x in (-1, 1):
             for y in (-1, 1):
                 t, v = (c + x * u + y * s for c, u, s in zip(self.centre, self.unstable, self.stable, strict=True))
@@ -102,21 +102,20 @@ class Mapped:
             pass
 
     def _side(self, target: HSet, periods: int, edge: SetPart) -> int:
-        """To which side of a set an edge goes, all of it."""
+        """Return to which side of a set an edge goes, all of it."""
         sides = set(self._settled(target, periods, edge, inside=False))
         if len(sides) != 1:
             raise NotProvedError("an edge of a set goes to both sides of the next")
         return sides.pop()
 
     def _settled(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
-        """Parts of a part by what is proved of them.
-
-        1, −1 to which side of a set they go, 0 if between its edges and clear of the other two, where they may.
+        """Yield what is proved of the parts of a part.
 
         Yields
         ------
         int
-            1 or −1 for the side, or 0.
+            1 or −1 for the side of the set that they go to, 0 if between its edges and clear of the other two, where
+            they may.
 
         Raises
         ------

@@ -44,7 +44,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     Returns
     -------
     Image
-        The image.
+        Enclosures of the phases, speeds and derivatives.
 
     Raises
     ------
@@ -132,8 +132,8 @@ class FlightBundle:
     def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
         """Raise NotProvedError unless these flights meet no wall on their way.
 
-        By their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has one sign, or
-        Φ is clear of the walls all through it.
+        The proof is by their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has
+        one sign, or Φ is clear of the walls all through it.
 
         Raises
         ------
@@ -180,7 +180,7 @@ def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[
 
 
 def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
-    """When the flight of the middle ends, in a small ball."""
+    """Return when the flight of the middle ends, in a small ball."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]

@@ -27,13 +27,13 @@ DIGITS = Fraction(1, 10**4)  # of the entropy that is said
 def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> HorseshoeCertificate:
     """Prove that the impacting gear has chaotic motions at one point: a horseshoe, and what its entropy is at least.
 
-    Takes half a minute; needs the extra `proof`. Raises ParameterError, and NotProvedError where none was found:
-    then there may still be one. Source: docs/proofs.md.
+    The proof takes half a minute and needs the extra `proof`. Raises ParameterError, and NotProvedError where none was
+    found: then there may still be one. Source: docs/proofs.md.
 
     Returns
     -------
     HorseshoeCertificate
-        The certificate.
+        Sets and coverings, and the lower bound of the entropy.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Fo
 def _covered(
     plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
 ) -> tuple[int, ...]:
-    """How many forcing periods later each set of a chain covers the next. Raises NotProvedError if one does not."""
+    """Return how many forcing periods later each set of a chain covers the next; NotProvedError if one does not."""
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
         mapped = Mapped(plane, source, (-1,) * word)
@@ -122,12 +122,12 @@ def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
 def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
     """Return whether a line along a side of either of two parallelograms separates them.
 
-    By their corners in `HSet` order.
+    Their corners are in the order of `HSet`.
 
     Returns
     -------
     bool
-        True if they are separated.
+        False means that they may overlap.
     """
     for a in (one, other):
         for i in (1, 2):

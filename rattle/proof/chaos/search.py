@@ -266,7 +266,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
 
 
 def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int) -> float | None:
-    """How far from x an edge must be for its image to lie beyond the target, one edge to either side."""
+    """Return how far from x an edge must be for its image to lie beyond the target, one edge to either side."""
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:
@@ -281,7 +281,8 @@ def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: S
 def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
     """Return the largest |η| of Π's image of a box between the target's edges, or a little beyond them.
 
-    Also from which ξ to which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets other walls.
+    It also tells from which ξ to which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets
+    other walls.
 
     Returns
     -------

@@ -33,7 +33,7 @@ class StiffClassifier(Classifier):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """See `Classifier`."""
+        """Follow states of the stiff gear as `Classifier` says."""
         each = [np.full(tau.size, x) for x in parameters.named.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
@@ -83,13 +83,13 @@ def attractors_of(
 ) -> AttractorTable:
     """Return the attractors of all cells at once, as `rattle.attractors_of`.
 
-    The parameters broadcast, the samples are the same. A cell's are those of `StiffGear.attractors` to the bit,
-    whatever the other cells are.
+    The parameters broadcast, and samples are the same for all cells. A cell's attractors are those of
+    `StiffGear.attractors` to the bit, whatever the other cells are.
 
     Returns
     -------
     AttractorTable
-        A row for each attractor.
+        A row for each attractor of each cell, cell by cell.
 
     Raises
     ------

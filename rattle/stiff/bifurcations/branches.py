@@ -58,7 +58,7 @@ def stiff_branch(
     Returns
     -------
     StiffBranch
-        The branch.
+        Points ordered along the branch, with the events between them.
 
     Raises
     ------
@@ -205,13 +205,13 @@ def stiff_curve(
 ) -> Array:
     """Return the saddle-node or flip curve through an event at fixed κ.
 
-    Points (k, 2c + 2), δ and ε last, while the motion happens in the window of δ and ε (low, high); resolution: points
-    across it, at least.
+    It is followed while the motion happens in the window of δ and ε (low, high), with at least `resolution` points
+    across the window.
 
     Returns
     -------
     Array
-        Points of the curve.
+        (k, 2c + 2), times and durations of contacts, then δ and ε.
 
     Raises
     ------

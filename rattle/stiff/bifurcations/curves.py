@@ -77,7 +77,7 @@ def trace(
     Returns
     -------
     Curve
-        The curve in pieces.
+        In pieces, each from one end in the window to the other.
 
     Raises
     ------
@@ -134,13 +134,13 @@ def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings:
 def _events(name: str, family: StiffFamily) -> list[Array]:
     """Return the motions (2c + 1,) of a family that are on a curve.
 
-    Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is the pole of the limit's
-    P(1,1,1), and the paper's curves are beyond.
+    On the paper's curves Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is
+    the pole of the limit's P(1,1,1).
 
     Returns
     -------
     list[Array]
-        The motions.
+        Times, durations and ε of each, in the order of the family.
     """
     if name in FLIPS:
         found = _flips(name, family)
@@ -200,12 +200,12 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
 def _is_greatest(y: Array, cycle: Cycle) -> bool:
     """Return whether ε is greatest at a fold along its family.
 
-    −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y.
+    It is where −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y.
 
     Returns
     -------
     bool
-        True if it is.
+        False where ε is least.
     """
     n = y.size - 1
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))
@@ -221,12 +221,12 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
 def _quiet_limit(beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
     """Return the curve on which the depth of permanent contact, times κ, and its rate vanish.
 
-    x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
+    The unknowns are x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
 
     Returns
     -------
     Curve
-        The curve.
+        `quiet_limit`, in pieces inside the window.
     """
 
     def equations(x: Array) -> Array:

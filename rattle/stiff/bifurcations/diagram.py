@@ -35,7 +35,7 @@ class StiffMotions(Motions):
     classifier = StiffClassifier
 
     def steps(self, position: Array) -> Parameters:
-        """See `Motions`."""
+        """Return the stiff gear's parameters at these positions (`Motions.steps`)."""
         delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
         beta = np.full_like(delta, self.beta)
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
@@ -50,30 +50,30 @@ class StiffMotions(Motions):
                 continue
 
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """See `Motions`."""
+        """Return the motion near this state (`Motions.near`)."""
         try:
             return self._motion(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
             return None
 
     def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
-        """See `Motions`."""
+        """Return the contact equations along the segment (`Motions.problem`)."""
         return self._line(itinerary).problem
 
     def solved(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """See `Motions`."""
+        """Return the orbit of a solution of the contact equations (`Motions.solved`)."""
         line = self._line(itinerary)
         found = line.solved(y)
         return None if found is None else line.orbit(found)
 
     def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """See `Motions`."""
+        """Return the branch of a motion on this span of the segment (`Motions.through`)."""
         itinerary, x = motion
         line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return both_ways(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
     def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """See `Motions`."""
+        """Return the doubled branch that leaves a flip (`Motions.doubled`)."""
         return doubled(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
@@ -108,16 +108,14 @@ def diagram(
 ) -> Diagram[StiffBranch, StiffEvent]:
     """Return the bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ.
 
-    Or from κ at the start to κ at the end, evenly in κ^(−1/2); then start and end may be the same. Other arguments as
-    `rattle.diagram`.
-
-    A branch has one label; at a graze (GR), which is no bifurcation here, its motion goes on as another branch. Raises
-    ParameterError.
+    With a pair kappa, κ goes from the first at the start to the second at the end, evenly in κ^(−1/2); then start and
+    end may be the same. Other arguments are those of `rattle.diagram`. A branch has one label; at a graze (GR), which
+    is no bifurcation here, its motion goes on as another branch. Raises ParameterError.
 
     Returns
     -------
     Diagram[StiffBranch, StiffEvent]
-        The diagram.
+        Sweeps, branches and events, and what was left out.
     """
     beta = require_number("beta", beta, positive=True)
     at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)

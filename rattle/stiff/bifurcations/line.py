@@ -93,12 +93,10 @@ class MotionsOnLine:
     def flip_near(self, y: Array, width: float) -> Array | None:
         """Return the flip on this line at which a doubled branch ends, from a motion y next to it.
 
-        Or None beyond `width`.
-
         Returns
         -------
         Array | None
-            Unknowns at the flip, or None.
+            Unknowns at the flip; None if it is farther away than `width`.
         """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)

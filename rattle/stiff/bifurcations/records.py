@@ -43,7 +43,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """Its walls in their order."""
+        """Return the walls of the event's motion in their order."""
         return self.orbit.itinerary
 
     @property
@@ -93,7 +93,7 @@ class StiffBranch(FollowedBranch):
 
     @property
     def departures(self) -> Array:
-        """When the motions leave the walls (k, c)."""
+        """Return the times at which the motions leave the walls (k, c), in forcing periods."""
         c = len(self.walls)
         return self.unknowns[:, :c] + self.unknowns[:, -1:] * self.unknowns[:, c:-3]
 
@@ -141,14 +141,12 @@ class StiffBranch(FollowedBranch):
     def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
         """Return the points at which the parameter number `index` of the branch has this value.
 
-        −3, −2, −1: δ, ε, κ^(−1/2)/√2.
-
-        The point before, and the unknowns (2c + 3,).
+        Numbers −3, −2 and −1 are δ, ε and κ^(−1/2)/√2.
 
         Returns
         -------
         list[tuple[int, Array]]
-            Number of the point before, and the solution.
+            Number of the point before the crossing, and the unknowns (2c + 3,) there.
         """
         found, at = list[tuple[int, Array]](), self.unknowns[:, index] - value
         line = MotionsOnLine(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])

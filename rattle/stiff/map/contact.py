@@ -132,8 +132,8 @@ def turn_in(lo, hi, middle, contact):
 
     Returns
     -------
-    result
-        The time.
+    float
+        Time since the contact began, in forcing periods.
     """
     delta = contact.delta
     square = 0.25 * delta * delta - 2.0 * contact.kappa
@@ -190,11 +190,11 @@ def fall_in(lo, hi, contact):
 def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """Follow a contact from phase tau with depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
 
-    Returns (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C). If x0 is 0 the motion must press on the wall.
+    If x0 is 0 the motion must press on the wall.
 
     Returns
     -------
-    result
+    tuple
         (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C).
     """
     sin0, cos0 = phase_at(tau)

@@ -47,13 +47,13 @@ def multiplied(a00, a01, a10, a11, b00, b01, b10, b11):
 
 @kernel
 def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
-    """Return a free flight to the next wall or the horizon: (status, time, wall or GAP, position, w, 1 − e^(−δs)).
+    """Return a free flight to the next wall or the horizon.
 
     It starts in the gap, or on a wall (given, with velocity into the gap).
 
     Returns
     -------
-    result
+    tuple
         (status, time, wall or GAP, position, w, 1 − e^(−δs)).
     """
     drift = math.copysign(DRIFT, delta)
@@ -78,12 +78,11 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     """Return the next piece of a motion, to where it leaves it or to the horizon.
 
-    Returns (status, time, wall and position and w after it, whether it has left a contact, its tangent map). A motion
-    with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
+    A motion with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
 
     Returns
     -------
-    result
+    tuple
         (status, time, wall and position and w after it, whether it has left a contact, its tangent map).
     """
     leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
@@ -100,13 +99,13 @@ def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
 
 @kernel
 def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
-    """Return a motion for so long: (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
+    """Follow a motion for this duration.
 
     A contact begins where a flight meets a wall.
 
     Returns
     -------
-    result
+    tuple
         (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
     """
     j00, j01, j10, j11, n_plus, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0, 0.0
@@ -131,12 +130,11 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
 def next_departure(tau, v, delta, epsilon, beta, kappa):
     """Return the return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
 
-    Returns (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times). QUIET: the contact with Σ⁺ at its end
-    lasts for ever; τ', v' are then phase and speed of the last departure.
+    Status QUIET: the contact with Σ⁺ at its end lasts for ever; τ', v' are then phase and speed of the last departure.
 
     Returns
     -------
-    result
+    tuple
         (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times).
     """
     j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
@@ -168,13 +166,11 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
 def bounced(wall, tau, w, delta, epsilon, beta, kappa):
     """Return the flight and the contact from a departure to the next one, from either wall.
 
-    (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
-
-    x'' + δx' + 2κx = h from depth 0 to depth 0: the impulse ∫ 2κx is both speeds and ∫ h.
+    In the contact x'' + δx' + 2κx = h from depth 0 to depth 0: the impulse ∫ 2κx is both speeds and ∫ h.
 
     Returns
     -------
-    result
+    tuple
         (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
     """
     status, flown, wall, position, w, _l, _a, _b, _c, _d = piece(
@@ -200,11 +196,9 @@ def bounced(wall, tau, w, delta, epsilon, beta, kappa):
 def preceding(tau, v, delta, epsilon, beta, kappa):
     """Return Π⁻¹ by running time backwards, first through the contact that this departure ends.
 
-    Returns (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
-
     Returns
     -------
-    result
+    tuple
         (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
     """
     wall, position, w, time, n_minus = SIGMA_PLUS, 0.0, v, 0.0, 0

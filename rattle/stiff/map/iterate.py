@@ -64,12 +64,13 @@ def iterate(
 ) -> Iterates:
     """Return Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast.
 
-    Dimensionless. As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns, the last state is kept.
+    All are dimensionless. As in `rattle.iterate`, the last state is kept where contact with Σ⁺ never ends after fewer
+    returns.
 
     Returns
     -------
     Iterates
-        States and numbers of contacts.
+        Arrays of the broadcast shape: τ, v, and contacts with both walls.
 
     Raises
     ------

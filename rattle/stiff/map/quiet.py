@@ -22,7 +22,7 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     NDArray[np.float64]
-        The limit.
+        ε, of the broadcast shape.
 
     Raises
     ------

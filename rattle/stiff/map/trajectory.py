@@ -52,5 +52,5 @@ def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_ti
 def trajectory(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
 ) -> Trajectory:
-    """See `rattle.stiff.StiffGear.trajectory`."""
+    """Return the motion of `rattle.stiff.StiffGear.trajectory`."""
     return sampled_motion(sampled, tau, v, (delta, epsilon, beta, kappa), periods, points)

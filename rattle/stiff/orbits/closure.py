@@ -184,12 +184,12 @@ def closure(y, cycle, value, jacobian):
 def trace_of_solution(y, cycle):
     """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
 
-    A product of exact ones, each det e^(−δs).
+    The map is a product of exact ones, each with determinant e^(−δs).
 
     Returns
     -------
-    result
-        The trace.
+    float
+        The sum of both multipliers.
     """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -214,13 +214,11 @@ def trace_of_solution(y, cycle):
 def failing_piece(y, cycle):
     """Return the first flight or contact of a solution that ends elsewhere than the equations say.
 
-    (its number, whether it is a contact, the wall and the time at which it ends instead); wall 0 if it does not even
-    begin, number −1 if there is none, and the motion is admissible.
-
     Returns
     -------
-    result
-        (its number, whether it is a contact, the wall and the time at which it ends instead).
+    tuple
+        Its number, whether it is a contact, the wall and the time at which it ends instead; wall 0 if it does not even
+        begin, number −1 if there is none and the motion is admissible.
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -249,21 +247,13 @@ def failing_piece(y, cycle):
 
 @kernel
 def is_admissible(y, cycle):
-    """Return whether the motion of a solution is admissible.
-
-    Each contact and flight ends first where the equations say.
-
-    Returns
-    -------
-    result
-        True if it is.
-    """
+    """Return whether each contact and flight of a solution ends first where the equations say."""
     return failing_piece(y, cycle)[0] < 0
 
 
 @kernel
 def struck(y, cycle):
-    """When the flight of a P(1,1,0) meets Σ⁻ on its way, NaN if it does not."""
+    """Return when the flight of a P(1,1,0) meets Σ⁻ on its way, NaN if it does not."""
     _after, t0, t1, gap = follower(0, y, cycle)
     w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:

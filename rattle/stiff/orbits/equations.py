@@ -73,15 +73,12 @@ def sine_defect(z):
 
 @inline
 def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
-    """Return a contact entered with outward velocity u.
-
-    Its depth at the end, over p, and its outward velocity there, x and v; x_u, v_u, x_t, v_t (by the time of the
-    beginning), v_σ. That of x by σ is v.
+    """Return a contact entered with outward velocity u, by its depth over p and outward velocity at its end.
 
     Returns
     -------
-    result
-        x, v and their derivatives.
+    tuple
+        x, v, x_u, v_u, x_t, v_t (by the time of the beginning), v_σ; the derivative of x by σ is v.
     """
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration
@@ -112,14 +109,14 @@ def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
 
 @kernel
 def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """Return the flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if requested, of motions x (k, 2c + 2).
+    """Return the flights, R, and J(λ) if requested, of motions x (k, 2c + 2).
 
-    They meet the walls `signs` (c,), at p (k,).
+    The motions meet the walls `signs` (c,), at p (k,).
 
     Returns
     -------
-    result
-        Flights, R and J.
+    tuple
+        Flights (6, k, c), R (k, 2c) and J (k, 2c, 2c).
     """
     k, c = x.shape[0], signs.size
     n = 2 * c

@@ -140,7 +140,7 @@ def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
 
 
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
-    """Return unknowns (k, 2c + 1) of motions whose contacts begin at these times and last pσ, both (k, c).
+    """Return the motions whose contacts begin at times `offset` and last pσ `duration`, both (k, c).
 
     Times are after the first one's. All equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the
     sense of least squares.
@@ -148,7 +148,7 @@ def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
     Returns
     -------
     Array
-        The unknowns.
+        Unknowns (k, 2c + 1).
     """
     itinerary = StiffItinerary(tuple(cycle.walls.tolist()), cycle.m, cycle.beta, softness(cycle.kappa))
     plane = np.full((len(offset), 1), cycle.delta)
@@ -258,7 +258,7 @@ def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...
     Returns
     -------
     tuple[str, ...]
-        A letter for each stretch.
+        One letter, A to D, for each stretch.
     """
     saddles = family.saddles
     names = ["B" if saddle else "D" for saddle in saddles]
@@ -296,7 +296,7 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
     Returns
     -------
     tuple[StiffFamily, ...]
-        The families.
+        P(1,1,0) first.
 
     Raises
     ------
@@ -315,12 +315,10 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
     """Return the counterparts of A–D that happen at one point, and slow motions of their families.
 
-    Letter by letter, P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
-
     Returns
     -------
     list[Member]
-        The motions.
+        Letter by letter, P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
 
     Raises
     ------

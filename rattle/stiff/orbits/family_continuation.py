@@ -161,14 +161,14 @@ def measured_unknown(y, index, level, chord, cycle, tangent):
 
 @kernel
 def located(a, b, index, level, cycle, y):
-    """Write the solution between a and b at which an unknown has its level (index −1: ε turns back); False if lost.
+    """Write the solution between a and b at which an unknown has its level (index −1: ε turns back) to y.
 
-    Secant steps on the share of the way, halved where they stall.
+    Secant steps on the share of the way are halved where they stall.
 
     Returns
     -------
-    result
-        False if lost.
+    bool
+        False if the solution is lost.
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
@@ -192,13 +192,13 @@ def located(a, b, index, level, cycle, y):
 
 @kernel
 def passes(solution, a, b, cycle, y):
-    """Return whether the family passes through a solution between its points a and b, written as it is there.
+    """Return whether the family passes through a solution between its points a and b, some periods later perhaps.
 
-    Some periods later perhaps.
+    The solution is written to y as the family has it there.
 
     Returns
     -------
-    result
+    bool
         True if it does.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
@@ -298,12 +298,10 @@ def folds_of(points, cycle, folds):
 def place(points, solution, cycle):
     """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution.
 
-    −1 if it does not.
-
     Returns
     -------
-    result
-        The number.
+    int
+        −1 if it does not.
     """
     y = np.empty(solution.size)
     for i in range(len(points) - 1):

@@ -43,10 +43,10 @@ def _orbit(member: Member) -> StiffOrbit:
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> PeriodOne:
     """Return the counterparts of A–D that happen, for every element of the broadcast parameters (dimensionless).
 
-    As `rattle.period_one`; tau and v are those of the departure from Σ⁺. What is found at a point depends on nothing
-    but its parameters. Where there are several of one letter, a P(1,1,0) comes first, then that with the longest time
-    from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.orbits.families` does not find (docs/stiff.md says what
-    can be missed).
+    They are as in `rattle.period_one`; tau and v are those of the departure from Σ⁺. What is found at a point depends
+    on nothing but its parameters. Where there are several of one letter, a P(1,1,0) comes first, then that with the
+    longest time from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.orbits.families` does not find
+    (docs/stiff.md says what can be missed).
 
     Returns
     -------
@@ -83,14 +83,14 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
-    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
+    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D.
 
-    By the counterparts of A–D. Another set of them by its number in `rattle.REGIONS`.
+    Another set of motions has its number in `rattle.REGIONS`.
 
     Returns
     -------
     NDArray[np.int8]
-        Number of each region.
+        Of the broadcast shape.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
     Returns
     -------
     StiffOrbit
-        The motion.
+        Its `epsilon` is ε(δ) of SN1.
 
     Raises
     ------

@@ -42,17 +42,17 @@ class StiffOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """When it leaves the walls (c,): at the ends of its contacts."""
+        """Return the times at which the motion leaves the walls (c,): the ends of its contacts."""
         return self.times + self.durations
 
     @property
     def point(self) -> StiffPoint:
-        """Its parameters."""
+        """Return the motion's parameters."""
         return StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """Its walls in their order."""
+        """Return the walls of the motion in their order."""
         return StiffItinerary(self.walls, self.m, self.beta, softness(self.kappa))
 
     @property
@@ -86,12 +86,10 @@ def admissible(itinerary: StiffItinerary, x: Array) -> bool:
 def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
     """Return the first flight or contact of x (2c + 2,) that ends elsewhere than the equations say.
 
-    None if all happen.
-
     Returns
     -------
     Failure | None
-        The failure, or None.
+        None if all flights and contacts happen.
     """
     number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
@@ -113,12 +111,12 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     """Return the motion of the stiff gear at κ that a motion of the impacting model becomes.
 
-    Followed in κ^(−1/2) from κ = ∞.
+    It is followed in κ^(−1/2) from κ = ∞.
 
     Returns
     -------
     StiffOrbit
-        The motion.
+        With its contacts, multipliers and stability.
 
     Raises
     ------
@@ -165,14 +163,12 @@ def follow_from_limit(
 def follow_contacts(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, n_plus: int
 ) -> tuple[StiffItinerary, Array]:
-    """Return the itinerary and the unknowns of the motion from the departure (τ, v).
-
-    Through n_plus contacts with Σ⁺ more.
+    """Return the itinerary and the unknowns of the motion from a departure (τ, v), through n_plus contacts on Σ⁺.
 
     Returns
     -------
     tuple[StiffItinerary, Array]
-        The itinerary and the unknowns.
+        The walls, and times and durations of contacts, with the parameters.
 
     Raises
     ------
@@ -212,7 +208,7 @@ def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
     Returns
     -------
     StiffOrbit
-        The motion.
+        The argument itself, if it is one.
 
     Raises
     ------
@@ -229,17 +225,16 @@ def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
 def stiff_orbit(
     delta: float, epsilon: float, kappa: float, tau: float, v: float, n_plus: int = 1, beta: float = 0.6
 ) -> StiffOrbit:
-    """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺.
+    """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺, with n_plus ≥ 1 contacts with Σ⁺.
 
-    With n_plus ≥ 1 contacts with Σ⁺ a period, by Newton's method on times and durations of its contacts.
-
-    The motion has its least period: if it repeats itself earlier than after n_plus contacts, its n_plus is smaller. All
-    numbers dimensionless; time in forcing periods.
+    Newton's method is on times and durations of the motion's contacts. The motion has its least period: if it repeats
+    itself earlier than after n_plus contacts, its n_plus is smaller. All numbers dimensionless; time in forcing
+    periods.
 
     Returns
     -------
     StiffOrbit
-        The motion.
+        With its contacts, multipliers and stability.
 
     Raises
     ------

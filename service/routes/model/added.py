@@ -16,7 +16,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
-    """Return the type of a parameter of a query: a number that a model adds, or nothing."""
+    """Return the type of a query parameter for a number that a model adds."""
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
@@ -28,7 +28,7 @@ def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = 
 
 
 def machine_texts() -> dict[str, str]:
-    """Return the numbers of a machine that make what models add, with what they are."""
+    """Return descriptions of the machine's numbers from which models' parameters follow, by name."""
     return {
         each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
         for name, each in ADDED.items()
@@ -37,12 +37,12 @@ def machine_texts() -> dict[str, str]:
 
 
 def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
-    """Give a route parameters of its query by name, each None by default; it takes them as keywords.
+    """Give a route further query parameters, each None by default; the route gets them as keywords.
 
     Parameters
     ----------
     after : dict of str to dict
-        Behind which of the route's own parameters they stand: for each of these the types of theirs, by name.
+        For each of the route's own parameters, the types of the further ones that come after it, by name.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
 
 
 def with_fields(base: type[BaseModel]) -> Any:
-    """Return a class that has a field for each parameter that a model adds, behind those of another class."""
+    """Return a subclass with a field for each parameter that a model adds, after the fields of the class."""
     fields: dict[str, Any] = {
         name: (float | None, Field(description=f"{each.described}; null: the {DEFAULT_MODEL} model"))
         for name, each in ADDED.items()
@@ -75,5 +75,5 @@ def with_fields(base: type[BaseModel]) -> Any:
 
 
 def added_document(numbers: dict[str, float]) -> dict[str, float | None]:
-    """Return those fields, null of what a model does not have."""
+    """Return those fields, with null for parameters that a model does not have."""
     return {name: numbers.get(name) for name in ADDED}

@@ -1,4 +1,4 @@
-"""How hard the motions of one parameter point rattle."""
+"""Intensities of the motions of one parameter point."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """95 % half-widths of what has the same name: 0 where exact, null if undecided."""
+    """95 % half-widths of the fields of the same name: 0 where they are exact, null if undecided."""
 
     impacts_plus: float | None
     impacts_minus: float | None
@@ -43,7 +43,7 @@ class ErrorsDocument(BaseModel):
 
 
 class InSI(BaseModel):
-    """The same of a machine."""
+    """Intensities of a machine in SI units."""
 
     impacts: float | None = Field(description="a second, on both walls")
     mean_velocity: float | None = Field(description="m/s along the line of action")
@@ -56,7 +56,7 @@ class InSI(BaseModel):
 
 
 class RattlingDocument(BaseModel):
-    """How hard an attractor rattles, per forcing period; null if undecided."""
+    """Intensity of an attractor per forcing period; null if undecided."""
 
     kind: str = Field(description="quiet, periodic, chaotic or undecided")
     m: int
@@ -77,7 +77,7 @@ class RattlingDocument(BaseModel):
 
 
 class IntensitiesDocument(PointDocument):
-    """How hard the attractors of one parameter point rattle, by falling fraction."""
+    """Intensities of the attractors of one parameter point, by falling fraction."""
 
     attractors: list[RattlingDocument]
 
@@ -96,7 +96,10 @@ async def intensity(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> IntensitiesDocument:
-    """Answer for a point, or for a machine in SI units. Periodic motions are exact, chaotic ones have error bars."""
+    """Return the intensities for a point, or for a machine in SI units.
+
+    Periodic motions are exact, chaotic ones have error bars.
+    """
     require_few(front, count)
     found = await in_turn(
         front,

@@ -1,4 +1,4 @@
-"""A machine, two gears in SI units: which parameter point it is, and what one unit of the model is there."""
+"""A machine, two gears in SI units, as a parameter point, with the units of the model."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 def positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
-    """Return a parameter above 0, or of at least 0."""
+    """Return the type of a query parameter that is positive, or with `zero` not negative."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
@@ -54,10 +54,10 @@ SECOND = {
     "mesh_error_2": f"{LINE}: twice a tooth",
     "mesh_error_3": f"{LINE}: three times a tooth",
 }
-#: Of these and of what makes what models add, those that are above 0.
+#: Optional numbers of a machine that must be positive.
 OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
 Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS)]
-#: What models add, and the numbers of a machine that make it: behind the numbers that every gear has.
+#: Parameters that models add, and the numbers of a machine from which they follow, after the common numbers.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
     "drive": {
@@ -78,7 +78,7 @@ async def machine_of_query(
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """Return the machine of the query. Raises ParameterError on what can only be in other units."""
+    """Return the machine of the query. Raises ParameterError for numbers that must be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
 
 
@@ -92,7 +92,7 @@ async def measured_machine_of_query(
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """Return the machine of the query without eccentricity, which a measured curve has. Raises ParameterError."""
+    """Return the machine of the query without eccentricity, which a measured curve contains. Raises ParameterError."""
     return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **making)
 
 
@@ -133,14 +133,14 @@ async def place_of_query(
     plain |= {"beta": beta, **added, "harmonic": harmonic or None}
     both = [name for name, value in plain.items() if value is not None]
     if both:
-        raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} say it twice: give one")
+        raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give one")
     numbers: dict[str, Any] = {**_all_of(needed), **making}
     machine = Machine(**numbers, drive=drive or "torque")
     return Place(machine.gear, machine)
 
 
 def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
-    """Return these numbers. Raises RequestValidationError, as other parameters of a query do, on a missing one."""
+    """Return these numbers. Raises RequestValidationError for a missing one, as for other query parameters."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
@@ -158,7 +158,7 @@ MeasuredMachineQuery = Annotated[Machine, Depends(measured_machine_of_query)]
 
 
 class UnitsDocument(BaseModel):
-    """Size of one unit of the model; multiply by it. null: beyond double precision."""
+    """Sizes of the units of the model in SI, by which to multiply; null if beyond double precision."""
 
     length: float | None = Field(description="m, of Φ along the line of action")
     time: float | None = Field(description="s, a forcing period: a revolution")
@@ -198,17 +198,17 @@ class MachineDocument(_Numbers):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: MachineQuery) -> MachineDocument:
-    """Convert the numbers of a machine; the second gear is like the first where its own numbers are not given.
+    """Convert the numbers of a machine to the model; the second gear equals the first unless its own numbers are given.
 
-    Numbers that can only be in other units, such as millimetres, are refused with what to give instead.
+    Numbers that can only be in other units, such as millimetres, are refused with the unit to use.
     """
     return machine_document(found)
 
 
 def machine_document(found: Machine) -> MachineDocument:
-    """Return a machine as it is answered."""
+    """Return the document of a machine."""
     gear = found.gear
-    with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
+    with np.errstate(all="ignore"):  # extreme parameters may overflow
         quiet_limit = json_number(gear.quiet_limit * found.units.length)
     return MachineDocument(
         delta=gear.delta,

@@ -1,4 +1,4 @@
-"""One parameter point to take away: a notebook that computes it."""
+"""A notebook of one parameter point for download."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ async def notebook(
     ] = None,
     to_epsilon: Annotated[float | None, positive_query("… and this eccentricity", zero=True)] = None,
 ) -> Response:
-    """Write a notebook of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram.
+    """Write a notebook of a point, or of a machine in SI units, whose cells compute attractors, basins and a diagram.
 
-    Nothing is computed here.
+    The service computes nothing for it.
     """
     if (to_delta is None) != (to_epsilon is None):
         raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or none")

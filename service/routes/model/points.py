@@ -1,4 +1,4 @@
-"""One parameter point, computed at once."""
+"""Orbits and attractors of one parameter point."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
 
 
 def require_few(front: Front, count: int) -> None:
-    """Raise LimitError on more initial conditions than one point may have here."""
+    """Raise LimitError for more initial conditions than this service allows for one point."""
     if count > front.settings.max_point_count:
         raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
 
@@ -83,7 +83,7 @@ class OrbitDocument(BaseModel):
 
 
 class MissingLimitDocument(BaseModel):
-    """A limit that is not there at this damping, and what happens instead."""
+    """A limit that does not exist at this damping, and what happens instead."""
 
     limit: Literal["sn1", "flip"]
     reason: str = Field(description="such as: none at this damping: C ends in grazing G1")
@@ -152,7 +152,7 @@ class Attractors(PointDocument):
     responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
-    """Answer for a point, or for a machine in SI units."""
+    """Return the orbits for a point, or for a machine in SI units."""
     gear = place.gear
     model = model_at(gear)
     if model.in_closed_form:
@@ -200,7 +200,7 @@ async def attractors(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Attractors:
-    """Answer for a point, or for a machine in SI units."""
+    """Return the attractors for a point, or for a machine in SI units."""
     gear = place.gear
     require_few(front, count)
     found = await in_turn(
@@ -232,7 +232,7 @@ def point_document(gear: AnyGear) -> dict[str, Any]:
 
 
 def attractor_document(item: rattle.Attractor) -> AttractorDocument:
-    """Return an attractor as it is answered."""
+    """Return the document of an attractor."""
     return AttractorDocument(
         kind=item.kind,
         m=item.m,

@@ -1,4 +1,4 @@
-"""Attractors that given states of one parameter point go to."""
+"""Destinations of given states of one parameter point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rattle.models import model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-MOST_STATES = 100  # in one URL
+MOST_STATES = 100  # the most states in one URL
 Phase = Annotated[float, Field(allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -51,7 +51,7 @@ async def reached(
         ),
     ],
 ) -> ReachedDocument:
-    """Answer for a point, or for a machine in SI units; tau and v are repeated, once for each state."""
+    """Return the destinations for a point, or a machine in SI units; tau and v are repeated, once for each state."""
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit} states here; use the library.")

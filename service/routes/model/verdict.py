@@ -1,4 +1,4 @@
-"""The answer of a machine in one line: whether it rattles."""
+"""The verdict on a machine in one line: whether it rattles."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class VerdictDocument(BaseModel):
 async def verdict(
     front: FrontState, machine: MachineQuery, count: SampleCount = 256, seed: SampleSeed = 0
 ) -> VerdictDocument:
-    """Answer for a machine: quiet, quiet unless knocked, rattles from a share of starts, or always rattles."""
+    """Return the verdict on a machine: quiet, quiet unless knocked, rattles from some starts, or always rattles."""
     return await _answer(front, machine, None, count, seed)
 
 
@@ -96,16 +96,16 @@ async def verdict_of_measured(
     count: SampleCount = 256,
     seed: SampleSeed = 0,
 ) -> VerdictDocument:
-    """Answer for a machine whose transmission error is a table of text, which has its eccentricity.
+    """Return the verdict on a machine whose transmission error is a CSV table, which includes its eccentricity.
 
-    `machine` in the answer has the model's numbers, restitution and harmonics, with which all other routes answer.
+    `machine` in the answer has the model's numbers, restitution and harmonics, which all other routes take.
     """
     measured = await run_in_threadpool(_read, curve, orders)
     return await _answer(front, replace(machine, errors=measured.harmonics), measured, count, seed)
 
 
 def _read(text: str, orders: int) -> TransmissionError:
-    """Return a curve of a table's text. Raises RattleError, without the name of the file that the text is read from."""
+    """Return the curve of a table's text. Raises RattleError, without the name of the temporary file."""
     with TemporaryDirectory() as directory:
         table = Path(directory, "curve.csv")
         table.write_text(text, encoding="utf-8")

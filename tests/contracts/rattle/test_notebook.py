@@ -1,4 +1,4 @@
-"""What results show in a notebook: a line, a table, and what pandas and xarray get, against the arrays themselves."""
+"""The display of results in a notebook, as a line and a table, and in pandas and xarray, against the arrays."""
 
 import inspect
 import pickle

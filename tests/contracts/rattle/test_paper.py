@@ -129,7 +129,7 @@ def test_the_end_of_chaos_agrees_with_the_manifold_condition(report):
 
 
 def test_one_finding_is_computed_alone(monkeypatch):
-    """As its own entry in the whole, under its number, and nothing else is computed."""
+    """It has its number and its entry in the whole report, and nothing else is computed."""
     monkeypatch.setattr(numbers, "end_of_chaos", None)
     monkeypatch.setattr(paper.report.__globals__["pictures"], "compute_panels", None)
     result = CliRunner().invoke(app, ["paper", "--only", "5"])

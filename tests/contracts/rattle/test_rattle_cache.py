@@ -50,7 +50,7 @@ print("there")
 
 @pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
-    """Of processes that have a cache of their own, and work that lasts until somebody makes a file `go`."""
+    """Return the environment of processes with a cache of their own; their work lasts until a file `go` exists."""
     (tmp_path / "work.py").write_text(WORK)
     path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
     return os.environ | {"RATTLE_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": path}

@@ -1,4 +1,4 @@
-"""What is compiled into its callers borrows their arrays; numba's own functions are left alone."""
+"""Inlined kernels borrow the arrays of their callers; numba's own functions are left alone."""
 
 from importlib import import_module
 from pkgutil import walk_packages

@@ -115,7 +115,7 @@ def test_the_types_of_a_picture_are_told_apart() -> None:
 
 
 def test_many_types_of_one_picture_are_told_apart() -> None:
-    """As many as there are at weak damping; the paper's have their own colours, and what came first keeps it."""
+    """There are as many as at weak damping; the paper's motions have their own colours, and earlier colours stay."""
     rng = np.random.default_rng(3)
     types = [tuple(map(int, each)) for each in np.column_stack([rng.integers(1, high, 30) for high in (12, 30, 10)])]
     palette = Palette()

@@ -1,4 +1,4 @@
-"""What is precompiled is all that a survey needs."""
+"""The precompiled kernels are all that a survey needs."""
 
 from __future__ import annotations
 

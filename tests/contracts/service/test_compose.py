@@ -1,4 +1,4 @@
-"""What docker-compose.yml and the Dockerfile promise; tests/integration/test_compose_commands.py runs the commands."""
+"""The promises of docker-compose.yml and the Dockerfile; test_compose_commands.py runs the commands."""
 
 import re
 import tomllib

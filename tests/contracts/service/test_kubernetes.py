@@ -1,4 +1,4 @@
-"""What deploy/kubernetes promises; tests/integration/test_kubernetes_commands.py runs the commands."""
+"""The promises of deploy/kubernetes; tests/integration/test_kubernetes_commands.py runs the commands."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""What users write wrong is answered in words: what is wrong, what is allowed, what was meant."""
+"""Mistakes of users get messages: what is wrong, what is allowed, what was probably meant."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What a key allows: its scope, its surveys, its quotas; and what is open without one."""
+"""The permissions of a key: its scope, its surveys, its quotas; and the paths that need no key."""
 
 import re
 from collections.abc import Iterator
@@ -85,7 +85,7 @@ def test_without_a_live_key_nothing_is_answered(client: TestClient, value: str |
         assert response.status_code == 401, (method, path)
         assert response.headers["www-authenticate"].startswith("Bearer")
         if method != "HEAD":
-            assert_problem(response, 401, "key")
+            assert_problem(response, 401, code="unauthorized")
     assert client.get("/v1/surveys", headers={"Authorization": f"bearer {good}"}).status_code == 200
 
 
@@ -100,7 +100,7 @@ def test_a_compressed_body_is_refused_in_words(client: TestClient, coding: str) 
     headers = key(client) | {"Content-Encoding": coding}
     for method, path in (("POST", "/v1/surveys"), ("POST", "/v1/surveys/x/verify"), ("POST", "/login")):
         refused = client.request(method, path, json=BODY, headers=headers)
-        assert_problem(refused, 415, "Content-Encoding")
+        assert_problem(refused, 415, code="unsupported_media_type")
         assert refused.headers["accept-encoding"] == "identity"
     assert client.get("/v1/surveys", headers=headers).status_code == 200
     plain = client.post("/v1/surveys", json=BODY, headers=headers | {"Content-Encoding": "Identity"})
@@ -111,7 +111,7 @@ def test_a_revoked_key_is_refused_at_once(client: TestClient) -> None:
     headers = key(client)
     submit(client, headers)
     front_of(client).database.revoke_key(headers["Authorization"].split("_")[1])
-    assert_problem(client.get("/v1/surveys", headers=headers), 401, "revoked")
+    assert_problem(client.get("/v1/surveys", headers=headers), 401, code="unauthorized")
     assert client.get("/v1/surveys", headers=key(client, Scope.READ)).status_code == 200
 
 
@@ -153,7 +153,7 @@ def test_only_the_owner_lets_a_survey_run_again(client: TestClient) -> None:
     survey_id = submit(client, owner)
     front_of(client).database.set_state(survey_id, State.FAILED, "no permission")
     path = f"/v1/surveys/{survey_id}/verify"
-    assert_problem(client.post(path, headers=other), 403, "was not submitted with this API key")
+    assert_problem(client.post(path, headers=other), 403, code="forbidden")
     assert client.get(f"/v1/surveys/{survey_id}", headers=owner).json()["state"] == "failed"
     assert client.post(path, headers=owner).status_code == 202
 
@@ -191,7 +191,7 @@ def test_running_surveys_count_until_they_end(client: TestClient) -> None:
     headers = key(client, max_running=1)
     first = submit(client, headers | {"Idempotency-Key": "first"})
     refused = client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=headers)
-    assert_problem(refused, 429, "1 surveys", "quota")
+    assert_problem(refused, 429, "quota", code="queue_full")
     assert int(refused.headers["retry-after"]) > 0
     assert submit(client, headers | {"Idempotency-Key": "first"}) == first  # nothing new is asked
     front_of(client).database.set_state(first, State.RUNNING)

@@ -58,7 +58,7 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
 
 
 async def watched(feeds: Broadcast, number: int) -> None:
-    """So many listen to the survey."""
+    """Open so many listeners of the survey."""
     await eventually(lambda: "x" in feeds._feeds and len(feeds._feeds["x"].listeners) == number)
 
 

@@ -71,7 +71,7 @@ def test_certificates_are_read_checked_and_deleted_with_the_survey(client: TestC
 def test_a_survey_without_them_has_no_link(client: TestClient) -> None:
     here = client.post("/v1/surveys", json=BODY).headers["location"]
     assert client.get(here).json()["links"]["certificates"] is None
-    assert_problem(client.get(f"{here}/certificates"), 404, "without certify")
+    assert_problem(client.get(f"{here}/certificates"), 404, code="not_in_survey")
     assert client.post("/v1/surveys", json=BODY | {"certify": True}).json()["links"]["self"] != here
 
 

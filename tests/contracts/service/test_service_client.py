@@ -1,4 +1,4 @@
-"""What the Python client does by itself, against a service that never ends a survey."""
+"""The Python client by itself, against a service that never ends a survey."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What commands do with names and paths that people choose."""
+"""Commands with names and paths that people choose."""
 
 import os
 import signal
@@ -46,7 +46,7 @@ def test_a_picture_that_cannot_be_written_is_refused_before_the_survey(name: str
 
 
 def told(*command: str, **more: Any) -> subprocess.CompletedProcess[str]:
-    """What a command says to a program that reads it."""
+    """Return the output of a command for a program that reads it."""
     whole = [sys.executable, "-m", "gear_rattle.cli", *command]
     return subprocess.run(whole, stderr=subprocess.PIPE, text=True, timeout=HANG, **more)
 
@@ -95,15 +95,15 @@ def test_what_cannot_be_printed_is_said_in_a_sentence() -> None:
     with Path("/dev/full").open("w") as full:
         refused = told("orbits", "0.6", "0.1", stdout=full)
     assert refused.returncode == 1
-    assert refused.stderr == "rattle: what it prints cannot be written: No space left on device\n"
+    assert refused.stderr == "rattle: its output cannot be written: No space left on device\n"
 
 
-def test_a_path_is_nowhere_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_path_resolves_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    with pytest.raises(SurveyError, match="is nowhere"):
+    with pytest.raises(SurveyError, match="cannot be located"):
         place_of("survey.zarr")
 
 

@@ -110,12 +110,12 @@ def test_a_bad_window_is_refused(client: TestClient, query: str, words: str) -> 
 
 
 def never(*_: object) -> None:
-    """What a process of its own computes for ever."""
+    """Compute for ever in a process."""
     Event().wait()
 
 
 def test_an_answer_that_takes_too_long_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(routes.curves, "curves_document", never)
+    monkeypatch.setattr(routes.plane_curves, "curves_document", never)
     with front_end(tmp_path, max_point_seconds=0.5) as client:
         client.portal.call(front_of(client).kernels.require, DEFAULT_MODEL, HANG)  # not what is timed
         assert_problem(client.get("/v1/curves"), 503, "within 0.5 s", "smaller window")

@@ -1,4 +1,4 @@
-"""What is damaged is said to be so, and nothing else suffers: rows of the job database, chunks, links in a circle."""
+"""Damage is reported, and nothing else suffers: rows of the job database, chunks, circular links."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -92,7 +92,7 @@ def test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value(where: str, requ
         take(survey_id, key)
     for key in done:
         lost = client.get(f"{store}/{key}")
-        assert_problem(lost, 503, key, "verify")
+        assert_problem(lost, 503, key, code="store_damaged")
         assert int(lost.headers["retry-after"]) > 0
         assert client.head(f"{store}/{key}").status_code == 503
     for key in nothing:
@@ -102,7 +102,7 @@ def test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value(where: str, requ
 def test_a_chunk_of_a_level_that_is_lost_is_no_fill_value_either(
     on_disk: tuple[TestClient, Take], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where it was asked for while there were no levels yet."""
+    """The same holds if it was requested before there were levels."""
     monkeypatch.setattr(grid, "LARGEST", 3)
     monkeypatch.setattr(grid, "LEAST", 2)
     client, take = on_disk
@@ -115,7 +115,7 @@ def test_a_chunk_of_a_level_that_is_lost_is_no_fill_value_either(
     front.database.set_state(survey_id, State.SUCCESSFUL)
     assert client.get(here).status_code == 200
     take(survey_id, key)
-    assert_problem(client.get(here), 503, "verify")
+    assert_problem(client.get(here), 503, code="store_damaged")
 
 
 def test_links_in_a_circle_are_a_problem_of_the_survey(tmp_path: Path) -> None:
@@ -129,11 +129,11 @@ def test_links_in_a_circle_are_a_problem_of_the_survey(tmp_path: Path) -> None:
         assert_problem(client.get(f"{here}/store/region/c/0/1"), 503, "region/c/0/1")
         assert_problem(client.get(f"{here}/store/stray"), 404)
         for route in ("map.png", "download.nc", "download.csv"):
-            assert_problem(client.get(f"{here}/{route}"), 503, "region", "verify")
+            assert_problem(client.get(f"{here}/{route}"), 503, "region", code="store_damaged")
         assert client.get(f"{here}/map.png?variable=status").status_code == 200
         (store / "zarr.json").unlink()
         (store / "zarr.json").symlink_to(store / "zarr.json")
-        assert_problem(client.get(f"{here}/store/zarr.json"), 503, "verify")
+        assert_problem(client.get(f"{here}/store/zarr.json"), 503, code="store_damaged")
         for route in ("map.png", "download.nc", "download.csv"):
             assert_problem(client.get(f"{here}/{route}"), 422, "zarr.json")
 
@@ -146,7 +146,7 @@ def test_a_damaged_chunk_is_no_error_of_the_service(tmp_path: Path) -> None:
         chunk = store / "region" / "c" / "0" / "1"
         chunk.write_bytes(chunk.read_bytes()[::-1])
         for route in ("map.png", "download.nc", "download.csv"):
-            assert_problem(client.get(f"/v1/surveys/{survey_id}/{route}"), 503, "region", "verify")
+            assert_problem(client.get(f"/v1/surveys/{survey_id}/{route}"), 503, "region", code="store_damaged")
 
 
 @pytest.mark.parametrize("axis", ["delta", "epsilon"])
@@ -198,7 +198,7 @@ def test_a_damaged_request_is_shown_as_failed_and_can_be_deleted(tmp_path: Path,
                     assert "cannot be read" in shown["message"]
                 assert client.get(here).json()["request"] == {}
                 assert client.get("/v1/health").status_code == 200
-                assert_problem(client.post(f"{here}/verify"), 409, "cannot be read")
+                assert_problem(client.post(f"{here}/verify"), 409, code="conflict")
                 again = client.post("/v1/surveys", json=BODY)
                 assert again.json()["id"] == whole
                 assert client.delete(here).status_code == 204

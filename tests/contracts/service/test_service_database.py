@@ -58,7 +58,7 @@ def kinds(found: list[Any]) -> dict[str, int]:
 
 
 def test_a_connection_that_a_thread_gives_back_after_the_close_is_closed(database_url: str) -> None:
-    """As that of a stream which ended while its thread still read."""
+    """Such a thread serves a stream that ended while it still read."""
     database = Database(database_url)
     with database._read() as session:
         session.execute(text("SELECT 1"))
@@ -86,7 +86,7 @@ def test_the_latest_answers_are_remembered(database: Database) -> None:
     assert len(kept) == MOST_ANSWERED
     assert f"again {MOST_ANSWERED + 9}" in kept
     assert database.accept(new("first"), 100).id == first.id  # its own is in its row
-    with pytest.raises(ConflictError, match="another body"):
+    with pytest.raises(ConflictError):
         database.accept(new(f"again {MOST_ANSWERED + 9}", "other"), 100)
 
 

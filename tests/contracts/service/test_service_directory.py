@@ -27,7 +27,7 @@ def data(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def take_away(data: Path) -> Path:
-    """As an unmounted disk leaves it: an empty directory in its place."""
+    """Replace the directory by an empty one, as an unmounted disk leaves it."""
     away = data.with_name("away")
     data.rename(away)
     data.mkdir()
@@ -54,7 +54,7 @@ def test_while_it_is_away_nothing_is_accepted_and_nothing_written(data: Path) ->
         away = take_away(data)
         for body in (BODY, SMALLER):
             refused = client.post("/v1/surveys", json=body)
-            assert_problem(refused, 503, "data directory", "disk")
+            assert_problem(refused, 503, code="data_directory_away")
             assert int(refused.headers["retry-after"]) > 0
         front_of(client).database._reader.dispose()  # who opens it now would make another
         assert client.get("/v1/surveys").status_code == (503 if (away / "jobs.sqlite").exists() else 200)
@@ -62,7 +62,7 @@ def test_while_it_is_away_nothing_is_accepted_and_nothing_written(data: Path) ->
         assert "data directory" in str(health(client)["storage"])
         assert_problem(client.get("/v1/ready"), 503)
         for link in ("store/zarr.json", "map.png", "download.nc", "download.csv"):  # 404: a chunk of fill values
-            assert_problem(client.get(f"{path}/{link}"), 503, "data directory")
+            assert_problem(client.get(f"{path}/{link}"), 503, code="data_directory_away")
         bring_back(away, data)
         assert health(client)["status"] == "ok"
         assert client.get(path).json()["state"] == "accepted"
@@ -75,7 +75,7 @@ def test_an_ended_survey_is_not_deleted_where_it_is_not(data: Path) -> None:
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         client.delete(path)
         away = take_away(data)
-        assert_problem(client.delete(path), 503, "data directory")
+        assert_problem(client.delete(path), 503, code="data_directory_away")
         bring_back(away, data)
         assert client.get(path).json()["message"] == "dismissed by request"
         assert client.delete(path).status_code == 204

@@ -72,7 +72,7 @@ def test_a_family_is_opened_with_the_key(store: Path, url: str, monkeypatch: pyt
     stored = open_stored(store, 0).load()
     with Client(url, key=KEY) as client:
         assert Job(client, SURVEY).open_family(0).load().identical(stored)
-        with pytest.raises(RattleError, match="there are families 0 to"):
+        with pytest.raises(RattleError, match="use a number from 0 to"):
             Job(client, SURVEY).open_family(99)
     monkeypatch.setenv("RATTLE_API_KEY", KEY)
     address = f"{url}/v1/surveys/{SURVEY['id']}/store"

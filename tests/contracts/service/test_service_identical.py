@@ -100,8 +100,8 @@ def test_a_key_stands_for_the_survey_that_it_was_answered_with(client: TestClien
     assert post(client, 200) == forced
     assert post(client, 200, headers=key) == first
     assert post(client, 200, "?force=true", headers=key) == first
-    assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=key), 409, "once", first)
-    assert_problem(client.post("/v1/surveys", json=BODY | {"name": "other"}, headers=key), 409, "once")
+    assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=key), 409, first, code="conflict")
+    assert_problem(client.post("/v1/surveys", json=BODY | {"name": "other"}, headers=key), 409, code="conflict")
     client.delete(f"/v1/surveys/{first}")
     assert post(client, 200, headers=key) == forced  # the key went with the survey
 
@@ -125,7 +125,7 @@ def test_owners_share_what_is_finished_only(tmp_path: Path, database_url: str) -
         assert post(client, 202, headers=mine) == first
         finish(client, first)
         assert post(client, 200, headers=yours) == first
-        assert_problem(client.post("/v1/surveys?force=1", json=BODY, headers=yours), 403, "30 cells")
+        assert_problem(client.post("/v1/surveys?force=1", json=BODY, headers=yours), 403, code="quota_exceeded")
         assert_problem(client.delete(f"/v1/surveys/{first}", headers=yours), 403)
 
 

@@ -1,4 +1,4 @@
-"""What a survey goes through, seen by its clients and by its database, without a cluster."""
+"""The life of a survey, seen by its clients and by its database, without a cluster."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -68,7 +68,7 @@ def test_a_repeated_key_answers_with_the_first_survey(client: TestClient) -> Non
     second = client.post("/v1/surveys", json=reordered, headers=key)
     assert first.headers["location"] == second.headers["location"]
     assert client.get("/v1/surveys").json()["count"] == 1
-    assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=key), 409, "once")
+    assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=key), 409, code="conflict")
 
 
 def test_one_key_sent_by_many_at_once_is_one_survey(client: TestClient) -> None:
@@ -252,7 +252,7 @@ def test_a_survey_that_has_ended_is_verified_by_running_again(client: TestClient
     assert client.post(f"{path}/verify").json()["state"] == "accepted"  # it goes on
     client.delete(path)
     front_of(client).database.begin_deletion(survey_id)
-    assert_problem(client.post(f"{path}/verify"), 409, "being deleted")
+    assert_problem(client.post(f"{path}/verify"), 409, code="conflict")
     assert_problem(client.post("/v1/surveys/nobody/verify"), 404)
 
 
@@ -269,12 +269,12 @@ def test_what_another_version_computed_stays_successful(client: TestClient) -> N
     finish(client, survey_id)
     with open_engine(front_of(client).database._reader.url, UNPOOLED).begin() as database:
         database.exec_driver_sql("UPDATE jobs SET content_hash = 'of another version'")
-    assert_problem(client.post(f"/v1/surveys/{survey_id}/verify"), 409, "another version")
+    assert_problem(client.post(f"/v1/surveys/{survey_id}/verify"), 409, code="conflict")
     assert client.get(f"/v1/surveys/{survey_id}").json()["state"] == "successful"
 
 
 def test_a_survey_that_is_let_run_again_keeps_its_store(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its deletion was asked for at the same time, and came second."""
+    """Its deletion was requested at the same time, and came second."""
     front = front_of(client)
     survey_id = submit(client)
     finish(client, survey_id)

@@ -27,7 +27,7 @@ POINTS = (
 
 @pytest.fixture
 def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Where it would be written that all is compiled, and is not."""
+    """Return the missing file that would say that all kernels are compiled."""
     monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
     return tmp_path / f"answers-{Impacting.name}.note"
 
@@ -50,7 +50,7 @@ def compiling(monkeypatch: pytest.MonkeyPatch, note: Path) -> list[Kernels]:  # 
 def test_a_request_that_waits_too_long_for_kernels_says_so(tmp_path: Path, path: str) -> None:
     with front_end(tmp_path, max_point_seconds=0.05) as client:
         answer = client.get(path)
-    assert_problem(answer, 503, "Kernels are being compiled", "/v1/ready")
+    assert_problem(answer, 503, code="compiling_kernels")
     assert answer.headers["retry-after"]
 
 
@@ -64,7 +64,7 @@ def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list
         kernels = front_of(client).kernels
         client.portal.call(kernels._ready[Impacting.name].set)
         assert health["status"] == "warming"
-        assert_problem(ready, 503, "Kernels are being compiled")
+        assert_problem(ready, 503, code="compiling_kernels")
         assert [each.result(HANG).status_code for each in asked] == [200] * len(POINTS)
 
 
@@ -75,7 +75,7 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels])
         wait_until(lambda: compiling and compiling[0]._waiting)
         second = client.get(POINTS[1])
         client.portal.call(front_of(client).kernels._ready[Impacting.name].set)
-        assert_problem(second, 503, "Kernels are being compiled")
+        assert_problem(second, 503, code="compiling_kernels")
         assert first.result(HANG).status_code == 200
 
 
@@ -85,13 +85,13 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
         kernels = front_of(client).kernels
         client.portal.call(kernels.begin)
         assert Stiff.name not in kernels._ready
-        assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, "Kernels are being compiled")
+        assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, code="compiling_kernels")
         assert Stiff.name in kernels._ready
 
 
 @pytest.mark.usefixtures("note")
 def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What each of the works compiles is tested below."""
+    """Other tests check which kernels each work compiles."""
     works: list[tuple[str, str, str]] = []
 
     async def compiled(_compile: object, module: str, work: str, model: str, **_how: object) -> None:
@@ -104,7 +104,7 @@ def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monk
         assert client.get("/v1/ready").json() == {"status": "ready"}
         assert client.get("/v1/health").json()["status"] == "ok"
         front_of(client).manager.storage_state = "unavailable: full"
-        assert_problem(client.get("/v1/ready"), 503, "/v1/health")
+        assert_problem(client.get("/v1/ready"), 503, code="unavailable")
     assert works == [(*work, Impacting.name) for work in WORKS]
 
 
@@ -150,7 +150,7 @@ from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
 from gear_rattle.service.kernels import compile_kernels
-from gear_rattle.service.routes.model.basins import _draw
+from gear_rattle.service.routes.model.basin_picture import _draw
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of

@@ -29,7 +29,7 @@ def rattle(*arguments: str) -> Any:
 
 
 def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What a command that is refused says."""
+    """Return the message of a refused command."""
     monkeypatch.setattr("sys.argv", ["rattle", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()
@@ -45,7 +45,7 @@ def test_keys_come_and_go_while_the_service_runs(tmp_path: Path) -> None:
         assert "cannot be shown again" in added.stderr
         headers = {"Authorization": f"Bearer {token}"}
         assert client.post("/v1/surveys", json=BODY, headers=headers).status_code == 202
-        assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=headers), 403, "30 cells")
+        assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=headers), 403, code="quota_exceeded")
 
         (key,) = front_of(client).database.keys()
         assert (key.name, key.scopes, key.max_cells, key.max_running) == ("[red]Ann", ["read", "submit"], 30, 2)
@@ -56,7 +56,7 @@ def test_keys_come_and_go_while_the_service_runs(tmp_path: Path) -> None:
         assert key.hash not in listed
 
         rattle("key", "revoke", key.id, *data)
-        assert_problem(client.get("/v1/surveys", headers=headers), 401, "revoked")
+        assert_problem(client.get("/v1/surveys", headers=headers), 401, code="unauthorized")
         reader = {"Authorization": f"Bearer {rattle('key', 'add', 'Bob', *data).stdout.strip()}"}
         assert client.get("/v1/surveys", headers=reader).status_code == 200
         assert_problem(client.post("/v1/surveys", json=BODY, headers=reader), 403)

@@ -103,7 +103,7 @@ def test_of_a_machine_intensities_are_in_si_units_too(client: TestClient) -> Non
         ("attractors", SI | {"backlash": 0.1}, "for 0.1 mm give 0.0001"),
         ("attractors", {name: SI[name] for name in SI if name != "rpm"}, "query.rpm"),
         ("attractors", {"epsilon": 0.1}, "query.delta"),
-        ("intensity", PLAIN | SI, "say it twice: give one"),
+        ("intensity", PLAIN | SI, "exclude each other: give one"),
         ("intensity", PLAIN | {"count": 10**9}, "count may be at most"),
         ("intensity", {}, "query.delta"),
     ],
@@ -141,7 +141,7 @@ def test_basins_of_a_machine_are_those_of_its_point(client: TestClient) -> None:
     pictures = [client.get("/v1/basins.png", params=query | {"resolution": 8}) for query in (SI, point)]
     assert [each.status_code for each in pictures] == [200, 200]
     assert pictures[0].content == pictures[1].content
-    assert_problem(client.get("/v1/basins.png", params=SI | PLAIN), 422, "say it twice")
+    assert_problem(client.get("/v1/basins.png", params=SI | PLAIN), 422, "exclude each other")
     assert_problem(client.get("/v1/orbits", params={"delta": 0.6}), 422, "query.epsilon")
 
 

@@ -72,7 +72,7 @@ def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         wait_until(lambda: client.get(path).json()["state"] == "running")
         assert client.delete(path).json()["state"] == "dismissed"
-        assert_problem(client.delete(path), 409, "last tiles")
+        assert_problem(client.delete(path), 409, code="conflict")
         ended = front_of(client).manager._lock
         wait_for = ended.wait_for
 
@@ -88,7 +88,7 @@ def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
 
 
 def test_a_stop_is_never_overlooked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also one that comes as the thread turns to the next survey."""
+    """The stop may come as the thread turns to the next survey."""
     with service(tmp_path) as client:
         manager = front_of(client).manager
         wait_until(lambda: manager.cluster_state == "ready")

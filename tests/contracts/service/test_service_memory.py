@@ -30,7 +30,7 @@ print(mallinfo().hblkhd - before)
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="another C library than glibc from 2.33 on")
 @pytest.mark.parametrize("serves", [True, pytest.param(False, marks=deep)])
 def test_large_arrays_of_a_service_go_back_to_the_system_when_they_are_freed(serves: bool) -> None:
-    """By itself glibc takes them from the arena of a thread, once a larger one was freed, and the thread keeps them."""
+    """Without the limit glibc takes them from a thread's arena once a larger one was freed, and keeps them there."""
     asked = ASKED.format(serves=serves)
     said = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, timeout=HANG, check=True)
     assert (int(said.stdout) >= 8 << 20) == serves, said.stdout

@@ -93,7 +93,7 @@ def test_latency_has_a_bounded_number_of_series(client: TestClient) -> None:
 def test_errors_of_the_service_count_as_such(
     client: TestClient, monkeypatch: pytest.MonkeyPatch, lines: Callable[[], list[str]]
 ) -> None:
-    """They counted as 499, as if clients had gone: no alert on 5xx ever fired."""
+    """An earlier version counted them as 499, as if clients had gone, so no alert on 5xx ever fired."""
 
     def fail(*_: object) -> None:
         raise RuntimeError("a bug")

@@ -55,7 +55,7 @@ def test_a_survey_gets_another_name_and_notes_at_any_time(client: TestClient, en
 def test_only_the_key_that_submitted_a_survey_names_it(client: TestClient) -> None:
     mine, yours = key(client), key(client)
     path = f"/v1/surveys/{submit(client, mine)}"
-    assert_problem(client.patch(path, json={"name": "ours"}, headers=yours), 403, "not submitted with this API key")
+    assert_problem(client.patch(path, json={"name": "ours"}, headers=yours), 403, code="forbidden")
     assert client.get(path, headers=yours).json()["name"] == "small"
     assert_problem(client.patch("/v1/surveys/none", json={"name": "x"}, headers=mine), 404)
 

@@ -1,4 +1,4 @@
-"""Who needs no key: loopback, by names of the service; and pages of other sites, who have none."""
+"""Requests without a key: from loopback, by names of the service; and pages of other sites, which are refused."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -149,7 +149,7 @@ def test_a_page_of_another_site_cannot_write(local: TestClient, client: TestClie
     survey_id = submit(client, key(client))
     for each, more in ((local, {}), (client, key(client))):
         for method, path in (("POST", "/v1/surveys"), ("DELETE", f"/v1/surveys/{survey_id}"), ("PUT", "/v1/surveys")):
-            assert_problem(each.request(method, path, json=BODY, headers=headers | more), 403, "another site")
+            assert_problem(each.request(method, path, json=BODY, headers=headers | more), 403, code="forbidden")
     assert local.get("/v1/surveys").json()["count"] == before
 
 
@@ -180,7 +180,7 @@ def test_a_page_of_an_origin_in_the_settings_reads_and_does_not_write(tmp_path: 
             read = client.get("/v1/surveys", headers=asked)
             assert read.headers.get("access-control-allow-origin") == allowed
             assert "access-control-allow-credentials" not in read.headers
-            assert_problem(client.post("/v1/surveys", json=BODY, headers=asked), 403, "another site")
+            assert_problem(client.post("/v1/surveys", json=BODY, headers=asked), 403, code="forbidden")
             wish = asked | {"Access-Control-Request-Method": "GET", "Access-Control-Request-Headers": "authorization"}
             assert client.options("/v1/surveys", headers=wish).status_code == (200 if allowed else 400)
             wish["Access-Control-Request-Method"] = "POST"

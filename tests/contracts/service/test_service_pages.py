@@ -33,7 +33,7 @@ OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
 
 @pytest.fixture(autouse=True)
 def passed(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """Whether the time has passed that pages without a browser are kept, which are looked for all the time."""
+    """Return an event that, once set, makes the time pass for which pages without a browser are kept."""
     passed = threading.Event()
     waited = property(lambda _session: 1e9 if passed.is_set() else 0.0)
     monkeypatch.setattr(ServerSession, "milliseconds_since_last_unsubscribe", waited)
@@ -187,7 +187,7 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
 def test_a_browser_that_comes_too_late_is_refused_instead_of_being_given_another_page(
     tmp_path: Path, passed: threading.Event, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Of whose parts it knows nothing: it would stay empty."""
+    """The browser would not know the parts of another page, which would stay empty."""
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         passed.set()

@@ -63,7 +63,7 @@ def survey(client: TestClient, survey_id: str) -> xr.Dataset:
 
 
 def drawn(dataset: xr.Dataset, plane: xr.DataArray, look: Look) -> tuple[np.ndarray, object, Figure]:
-    """What the cells of a map are coloured by, their scale, and the figure."""
+    """Return the values and the scale of the cells of a map, and the figure."""
     figure = Figure()
     axes = figure.add_subplot()
     draw_map(axes, dataset, plane, look=look)
@@ -292,10 +292,10 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
     monkeypatch.setattr(picture, "LOOK_SECONDS", 0.01)
     monkeypatch.setattr(Request, "is_disconnected", gone)
     answer = client.get(here, params={"lines": "crisis"})
-    assert_problem(answer, 503, "has left")
+    assert_problem(answer, 503, code="unavailable")
     assert left.is_set()
 
 
 async def gone(_request: Request) -> bool:
-    """As if whoever asked were no longer there."""
+    """Pretend that the client has disconnected."""
     return True

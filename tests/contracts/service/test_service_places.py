@@ -1,4 +1,4 @@
-"""Who waits comes first, and what nobody waits for gives its place to them and begins anew."""
+"""Foreground requests come first, and background ones give way to them and begin anew."""
 
 import asyncio
 from collections.abc import Callable, Coroutine

@@ -86,7 +86,7 @@ def test_a_population_is_accepted_and_listed_apart_from_surveys(client: TestClie
     assert found["id"] not in [each["id"] for each in surveys["surveys"]]
     assert (surveys["count"], listed["count"]) == (len(surveys["surveys"]), len(listed["populations"]))
     for path in ("", "/events", "/store/zarr.json", "/map.png", "/download.csv", "/download.nc"):
-        assert_problem(client.get(f"/v1/surveys/{found['id']}{path}"), 404, "There is no survey")
+        assert_problem(client.get(f"/v1/surveys/{found['id']}{path}"), 404, code="unknown_survey")
     for path in ("", "/events", "/store/zarr.json", "/answers"):
         assert_problem(client.get(f"/v1/populations/{survey['id']}{path}"), 404)
 
@@ -98,7 +98,7 @@ def test_the_same_population_is_computed_once(client: TestClient) -> None:
     assert first.json()["id"] == again.json()["id"] != forced.json()["id"]
     keyed = {"Idempotency-Key": "once"}
     client.post("/v1/populations", json=POPULATION | {"seed": 6}, headers=keyed)
-    assert_problem(client.post("/v1/populations", json=POPULATION | {"seed": 7}, headers=keyed), 409, "another body")
+    assert_problem(client.post("/v1/populations", json=POPULATION | {"seed": 7}, headers=keyed), 409, code="conflict")
 
 
 def test_the_answers_are_those_of_the_store(client: TestClient) -> None:

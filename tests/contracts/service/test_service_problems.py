@@ -129,7 +129,7 @@ def test_an_unreadable_body_is_refused(client: TestClient, content: bytes, statu
 @pytest.mark.parametrize("media_type", ["text/plain", "application/x-www-form-urlencoded", "application/xml", ""])
 def test_other_media_types_are_refused(client: TestClient, media_type: str) -> None:
     response = client.post("/v1/surveys", content=json.dumps(BODY), headers={"Content-Type": media_type})
-    assert_problem(response, 415, "application/json")
+    assert_problem(response, 415, code="unsupported_media_type")
 
 
 @pytest.mark.parametrize("path", ["/v1/surveys", "/nowhere"])

@@ -1,4 +1,4 @@
-"""What a service finds when it starts: what is its own is cleared away or ended, the rest is left alone and named."""
+"""The start of a service: it ends or removes unfinished work of its own, and leaves and names all else."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ def stores(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def database(stores: Path) -> Iterator[Database]:
-    """What an earlier service left; close it before the next one starts."""
+    """Return the database of an earlier service; close it before the next one starts."""
     database = Database(f"sqlite:///{stores.parent / 'jobs.sqlite'}")
     yield database
     database.close()

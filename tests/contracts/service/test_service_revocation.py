@@ -1,4 +1,4 @@
-"""What is open ends once its key is revoked, by another process on the same database, or its browser signs out."""
+"""Open connections end once another process revokes their key on the same database, or their browser signs out."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ def new_key(client: TestClient) -> tuple[KeyRow, dict[str, str]]:
 
 
 def revoke(database_url: str, key: KeyRow) -> None:
-    """As `rattle key revoke` does it, beside the service."""
+    """Revoke a key as `rattle key revoke` does, beside the service."""
     with closing(Database(database_url, exclusive=False)) as database:
         database.revoke_key(key.id)
 

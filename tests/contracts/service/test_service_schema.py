@@ -35,7 +35,7 @@ from gear_rattle.service.operations.crises import Crises
 from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.service.routes import download, limits
-from gear_rattle.service.routes.model import basins, curves, intensity, points, reached, verdict
+from gear_rattle.service.routes.model import basin_picture, intensity, plane_curves, points, reached, verdict
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.web import examples
 from gear_rattle.workers import (
@@ -114,7 +114,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def too_long(*_: Any) -> Any:
-    """What is drawn over a map, where that is not to be waited for."""
+    """Raise the error of an overlay that takes too long."""
     raise UnavailableError("This is not found here. Leave it out.")
 
 
@@ -219,7 +219,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (basins, curves, estimate, intensity, limits, points, reached, verdict):
+    for module in (basin_picture, plane_curves, estimate, intensity, limits, points, reached, verdict):
         monkeypatch.setattr(module, "in_turn", known)
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
         with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
@@ -233,7 +233,7 @@ def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch:
 
 @deep
 def test_schemathesis_finds_nothing_where_points_are_computed(finished: Path, tmp_path: Path) -> None:
-    """Whether a point is found in time, 200 or 503, is all the same here."""
+    """A point may be found in time or not (200 or 503): both are correct here."""
     limits = {"max_basin_resolution": 50, "max_point_seconds": 2}
     try_everything(finished, tmp_path, CONFIG + FEWER, "--max-examples", "6", "--exclude-checks", LEFT_OUT, **limits)
 
@@ -287,7 +287,7 @@ def test_every_link_leads_from_an_example_to_an_operation_with_what_it_needs(doc
 
 
 def found_at(body: Any, expression: str) -> Any:
-    """What an expression of a link is for a body."""
+    """Return the value of a link's expression in a body."""
     if not expression.startswith("$response.body#/"):
         return expression
     for part in expression.partition("#/")[2].split("/"):

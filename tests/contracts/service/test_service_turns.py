@@ -9,7 +9,7 @@ from service_support import BODY, front_of, idle_cluster, local_client
 from waiting import wait_until
 
 from gear_rattle.service.app import create_app
-from gear_rattle.service.database.surveys import Active
+from gear_rattle.service.database.survey_rows import Active
 from gear_rattle.service.jobs import manager, turns
 from gear_rattle.service.jobs.turns import TURN_SECONDS, Turns
 from gear_rattle.service.settings import Settings
@@ -58,7 +58,7 @@ def test_keys_have_turns_one_after_the_other_however_many_surveys_they_have() ->
 
 
 def test_one_without_cells_left_counts_as_the_largest() -> None:
-    """Its attractors are proved for hours."""
+    """Proving its attractors takes hours."""
     cells = {"proved": 0, "A": 1000, "B": 2000}
     order = [each for _, each in zip(range(12), _kept(Turns(), cells), strict=False)]
     assert order.count("A") == 6

@@ -65,7 +65,7 @@ def test_measured_gears_are_read_from_a_table(tmp_path: Path) -> None:
         ([*DRAWING, "--eccentricity", "normal:15:5:0"], "for 15"),
         (
             [*PLAIN, "--correlation", "beta:delta:0.4"],
-            "write NAME:NAME:NUMBER, with two of what varies (epsilon, beta)",
+            "write NAME:NAME:NUMBER, with two of the varying numbers (epsilon, beta)",
         ),
         ([*PLAIN, "--correlation", "beta:epsilon:0.4", "--correlation", "epsilon:beta:0.1"], "twice"),
         ([*PLAIN, "--correlation", "beta:epsilon:1"], "no numbers have these correlations"),

@@ -57,7 +57,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def chunks(store: Path) -> dict[str, bytes]:
-    """What tiles have written."""
+    """Return the files that tiles have written."""
     return {str(path.relative_to(store)): path.read_bytes() for path in store.rglob("c/**/*") if path.is_file()}
 
 

@@ -60,7 +60,7 @@ def store(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(store):
-    """Where the certificates of the survey are."""
+    """Return the path of the survey's certificates."""
     out = store.with_name("survey.certificates.zarr")
     with open_survey(store) as survey:
         certify_survey(survey, out)
@@ -213,7 +213,7 @@ def test_a_survey_that_asks_for_it_is_proved_after_its_tiles_beside_it(tmp_path,
         ({"quantities": ["region"]}, "certify proves attractors"),
         ({"beta": {"start": 0.5, "stop": 0.6, "num": 2}}, "give one number for beta"),
         ({"certify": 1}, "certify"),
-        ({}, "give an out"),
+        ({}, "give `out`"),
     ],
 )
 def test_what_cannot_be_proved_is_said_before_anything_is_computed(changes, why):
@@ -222,7 +222,7 @@ def test_what_cannot_be_proved_is_said_before_anything_is_computed(changes, why)
 
 
 def test_certificates_are_not_in_a_bucket():
-    with pytest.raises(SurveyError, match="leave certify out"):
+    with pytest.raises(SurveyError, match="leave out certify"):
         run_survey({**BODY, "certify": True}, out="s3://bucket/survey.zarr")
 
 

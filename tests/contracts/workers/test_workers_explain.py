@@ -1,4 +1,4 @@
-"""What explains the boundaries of a survey: every boundary of regions, on any plane, and what is left says why."""
+"""Explanations of the boundaries of a survey: of all boundaries of regions, on any plane, and reasons for the rest."""
 
 from pathlib import Path
 
@@ -113,7 +113,7 @@ def test_what_changes_between_attractors(explained: Explanation) -> None:
 
 @pytest.fixture(scope="module")
 def joined(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With so few samples that motions of small basins are missed in some cells."""
+    """Return a survey with so few samples that motions of small basins are missed in some cells."""
     path = tmp_path_factory.mktemp("explain") / "joined.zarr"
     request = SurveyRequest(
         delta=Axis(start=0.5, stop=0.66, num=COLUMNS),
@@ -135,7 +135,7 @@ def sampled(joined: Path) -> Explanation:
 
 
 def test_what_samples_missed_is_told_by_families(joined: Path, sampled: Explanation) -> None:
-    """Of each such pair the motion that one cell lacks is there, and stable, when followed from the other."""
+    """In each such pair the motion that one cell lacks exists there and is stable, if followed from the other cell."""
     with open_survey(joined) as dataset:
         found, grid = sampled, CellGrid(dataset)
         assert found.sampling.sum() > 3

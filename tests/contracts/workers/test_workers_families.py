@@ -152,7 +152,7 @@ def test_damage_is_found_and_joined_anew(whole: Path, tmp_path: Path, lost: str)
 
 
 def test_a_family_is_a_map(whole: Path) -> None:
-    """With the orbits that no slot has, whose multipliers are those of the equations of impact times."""
+    """It includes orbits without a slot, whose multipliers are those of the equations of impact times."""
     request, (numbers, families) = survey(*TILES[0]), read(whole)
     delta, epsilon = request.delta.values(), request.epsilon.values()
     found = rattle.families_of(delta, epsilon, count=8)
@@ -179,7 +179,7 @@ def test_a_family_is_a_map(whole: Path) -> None:
 
 def test_what_is_no_family_is_refused(whole: Path, tmp_path: Path) -> None:
     for number in (-1, 10_000, 1.5):
-        with pytest.raises(SurveyError, match="there are families 0 to"):
+        with pytest.raises(SurveyError, match="use a number from 0 to"):
             open_family(whole, number)
     plain = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.1, stop=0.2, num=4))
     create_store(plain, tmp_path / "plain.zarr")
@@ -202,7 +202,7 @@ def slots_in(path: Path) -> xr.Dataset:
 
 
 def test_slots_follow_families(whole: Path, followed: Path) -> None:
-    """What a cell lists is the same, and every family that has room is in one slot: quiet motion in the first."""
+    """A cell lists the same attractors, and every family with room is in one slot, quiet running in the first."""
     shares, families = slots_in(whole), slots_in(followed)
     names = [name for name in shares if shares[name].ndim == 3]
     assert len(names) > 8
@@ -263,7 +263,7 @@ def test_tiles_do_not_show_in_slots(followed: Path, tmp_path: Path, tile: tuple[
 
 
 def test_slots_that_are_few_are_shared(tmp_path: Path) -> None:
-    """With two slots the families that have no room take what is free; nothing is lost."""
+    """There are two slots: families without one of their own take free ones, and nothing is lost."""
     few = slots_in(finished(by_family(slots=2), tmp_path / "few.zarr"))
     shares = slots_in(finished(survey(*TILES[0], slots=2), tmp_path / "shares.zarr"))
     assert np.array_equal(np.sort(few.attractor_phase, axis=0), np.sort(shares.attractor_phase, axis=0), equal_nan=True)

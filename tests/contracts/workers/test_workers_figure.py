@@ -197,7 +197,7 @@ def test_missing_quantities_have_no_panel(whole: xr.Dataset, name: str, panels: 
 
 
 def test_nothing_to_draw_says_so(whole: xr.Dataset) -> None:
-    with pytest.raises(SurveyError, match="ask for a survey with one of region"):
+    with pytest.raises(SurveyError, match="compute a survey with one of region"):
         survey_figure(whole[["status"]])
 
 

@@ -116,7 +116,7 @@ def test_a_tile_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It comes while the second tile is computed, which ends long after the command."""
+    """The signal comes during the second tile, which ends long after the command."""
     out, release = tmp_path / "survey.zarr", threading.Event()
     compute = gear_rattle.workers.in_process.compute_tile
 
@@ -141,7 +141,7 @@ def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(
 
 @deep
 def test_a_signal_ends_a_short_survey_whose_kernels_are_compiled(tmp_path: Path) -> None:
-    """They are, since the cache is empty. (test_service_commands has a command that ends while its thread compiles.)"""
+    """The cache is empty, so kernels are compiled. (test_service_commands ends a command while its thread compiles.)"""
     out, cache = tmp_path / "survey.zarr", tmp_path / "cache"
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     run = start("run", *OPTIONS, "--out", str(out), settings={"RATTLE_CACHE_DIR": str(cache)}, **pipes)

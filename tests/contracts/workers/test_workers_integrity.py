@@ -1,4 +1,4 @@
-"""What is damaged in a store is named and mended, and what is not is left as it is, to the last byte."""
+"""Damaged parts of a store are named and repaired, and whole ones stay as they are, to the last byte."""
 
 import json
 import shutil
@@ -99,7 +99,7 @@ def test_single_bits_of_the_root_are_named_and_mended(store: Path) -> None:
 
 
 def same_json(one: bytes, other: bytes) -> bool:
-    """As `1e5` and `1E5`."""
+    """Return whether two documents are equal as JSON, such as `1e5` and `1E5`."""
     try:
         return bool(json.loads(one) == json.loads(other))
     except ValueError:
@@ -233,7 +233,7 @@ def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: P
 
 
 def test_a_lost_manifest_hides_no_lost_and_no_damaged_chunk(store: Path) -> None:
-    """Both are computed again, and what is whole is kept."""
+    """Lost and damaged chunks are computed again, and whole ones are kept."""
     before = contents(store)
     (store / OWN).unlink()
     (store / "region/c/0/1").unlink()
@@ -287,7 +287,7 @@ def test_tiles_are_written_as_the_request_says_whatever_the_store_says(store: Pa
 
 
 def test_swapped_chunks_are_damage(store: Path) -> None:
-    """Of another place, and of another variable of the same kind; each is whole by its own checksum."""
+    """Chunks are swapped with another place, and with a similar variable; each is whole by its own checksum."""
     swap(store / "orbit_phase/c/0/0/0", store / "orbit_phase/c/0/1/1")
     swap(store / "orbit_phase/c/0/0/1", store / "orbit_velocity/c/0/0/1")
     xr.open_zarr(store).load()  # plain xarray reads them

@@ -108,7 +108,7 @@ def joined(small_levels: None, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 def cells_of_level(shape: Pair, steps: list[Pair]) -> Iterator[tuple[Pair, tuple[slice, slice]]]:
-    """Of the last level: each of its cells, and the cells that it is made of."""
+    """Return the cells of the last level, each with the cells of the survey that it covers."""
     height, width = (int(np.prod([step[axis] for step in steps])) for axis in (0, 1))
     for i in range(-(-shape[0] // height)):
         for j in range(-(-shape[1] // width)):
@@ -210,7 +210,7 @@ def bits(cells: np.ndarray) -> int:
 
 
 def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
-    """Of slots as they are after the join; of each slice its own; of complex numbers the moduli."""
+    """Slots are those after the join; each slice has its own levels; complex numbers are represented by moduli."""
     whole, (level, *_) = open_survey(joined), levels_of(JOINED.shape)
     of = open_survey(joined, level.path).load()
     names = [each.name for each in held(JOINED.quantities, JOINED.model) if each.per_cell and not is_phase(each.name)]
@@ -239,7 +239,7 @@ def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
 
 
 def test_any_reader_finds_them(joined: Path) -> None:
-    """By xarray in all ways, in consolidated metadata, and by the convention for levels."""
+    """Readers are xarray in all its ways, consolidated metadata, and the convention for levels."""
     levels = levels_of(JOINED.shape)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,4 +1,4 @@
-"""What a picture shows of more cells than it has room for: no island of one cell is lost, at any size."""
+"""Pictures of more cells than they have room for: no island of one cell is lost, at any size."""
 
 from io import BytesIO
 

@@ -178,7 +178,7 @@ def test_chance_does_not_look_like_a_border() -> None:
 
 
 def test_a_share_is_divided_among_orbits_of_one_label() -> None:
-    """By weight; equally where nothing weighs; what is not listed has none, unless nothing else is there."""
+    """Parts are by weight, equal if all weights are 0; unsampled orbits get none unless there are no others."""
     of = np.array([0, 0, 1, 1, 2, 2, 3])
     weight = np.array([3.0, 1.0, 0.0, 0.0, 2.0, -1.0, -1.0])
     assert _parts(of, weight).tolist() == [0.75, 0.25, 0.5, 0.5, 1.0, -1.0, 1.0]
@@ -288,9 +288,9 @@ def test_the_stiff_gear_is_refined_by_regions_and_attractors() -> None:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"quantities": ("region", "basins")}, "basins are of each cell and cannot be filled"),
-        ({"quantities": ("attractors", "intensity")}, "intensity are of each cell"),
-        ({"quantities": ("orbits",)}, "refine goes by regions or attractors"),
+        ({"quantities": ("region", "basins")}, "basins cannot be filled from other cells"),
+        ({"quantities": ("attractors", "intensity")}, "intensity cannot be filled from other cells"),
+        ({"quantities": ("orbits",)}, "refine compares regions or attractors"),
         ({"model": "stiff", "kappa": 1e3}, "known of the impacting model only"),
         ({"tile": {"delta": 48}}, "use a multiple of 32"),
         ({"refine": {"audit": 0}}, "greater than 0"),

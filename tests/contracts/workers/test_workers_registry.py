@@ -181,7 +181,7 @@ def test_only_what_is_asked_for_is_stored(tmp_path: Path, request_: SurveyReques
 
 
 def test_no_stored_number_is_complex(survey: xr.Dataset, template: Path, tmp_path: Path) -> None:
-    """So that any reader reads all, and plain xarray writes NetCDF."""
+    """Any reader can then read all numbers, and plain xarray can write NetCDF."""
     with xr.open_datatree(template, engine="zarr") as tree:
         stored = {array.dtype.kind for node in tree.subtree for array in node.dataset.variables.values()}
     assert stored <= set("biufOUT")

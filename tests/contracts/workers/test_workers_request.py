@@ -1,4 +1,4 @@
-"""What a survey may ask for: everything sensible, and a message that says what to do about the rest."""
+"""Requests for surveys: every sensible one is accepted, all others get a message that says what to do."""
 
 import math
 

@@ -36,7 +36,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def opened(store: Path, how: str) -> xr.Dataset:
-    """By our function, and by xarray's with what it recommends for any store that is written in other chunks."""
+    """Open a store with our function, or as xarray recommends for stores that are written in other chunks."""
     return open_survey(store) if how == "ours" else xr.open_zarr(store, chunks=None).drop_encoding()
 
 

@@ -1,4 +1,4 @@
-"""Which tiles are taken from their workers, without a cluster."""
+"""Tiles that are taken from their workers, without a cluster."""
 
 import time
 from collections import deque
@@ -95,7 +95,7 @@ def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_late_tile_is_repeated_once_while_others_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It may only be slow, and would have one worker after the other; who holds a result that nobody got comes last."""
+    """A tile that is only slow would occupy one worker after the other; holders of undelivered results come last."""
     asked: list[str] = []
 
     class Four(Client):
@@ -124,7 +124,7 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
     tiles, rounds = deque(tiles_of(REQUEST)), count()
 
     class Two(Client):
-        """Of the first two tasks the results are held by their workers; then one is frozen, the other answers."""
+        """Workers hold the results of the first two tasks; then one is frozen, and the other answers."""
 
         def __init__(self) -> None:
             self.held: dict[str, str] = {}
@@ -161,7 +161,7 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
 
 
 def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They may write a tile once more that has gone on since."""
+    """Such attempts may overwrite a tile that a later round has changed."""
     submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     for _ in range(3):
         submission.submit(tiles_of(REQUEST)[0])

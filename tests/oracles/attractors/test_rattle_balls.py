@@ -27,7 +27,7 @@ PLANES = {
 
 
 def around_orbits(delta, share, beta):
-    """What is found in cells, ε in units of the quiet limit, and the centres of all its balls as they are at first."""
+    """Return the attractors of cells, ε in units of the quiet limit, and the centres of their first capture regions."""
     epsilon = share * rattle.quiet_limit(delta)
     speeds = sampled_speeds(None, delta, epsilon, beta)
     states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)

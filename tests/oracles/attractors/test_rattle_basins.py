@@ -87,7 +87,7 @@ def test_the_interleaved_basins_of_four_orbits():
     ],
 )
 def test_refinement_goes_on_until_nothing_changes(point, share):
-    """Of the cells that one round of refinement left wrong, many touch cells that this round had just followed."""
+    """Many cells that one round of refinement left wrong touch cells that this round had just followed."""
     refined, direct = (basins(point, 400, method=method) for method in ("refined", "direct"))
     assert rattle.disagreement(refined, direct) < share
     assert {label(a) for a in refined.attractors} == {label(a) for a in direct.attractors}

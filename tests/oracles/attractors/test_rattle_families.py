@@ -137,7 +137,7 @@ def test_two_orbits_of_one_family_in_a_cell_are_told(found):
 
 
 def test_a_branch_stays_in_its_family(found, grid):
-    """Where pseudo-arclength follows a stable motion past centres of cells, these have it in one family."""
+    """Pseudo-arclength follows a stable motion past centres of cells, and these have it in one family."""
     rows = found.attractors
     periodic = np.flatnonzero((rows.kind == Outcome.PERIODIC) & (rows.samples > 0))
     passed = 0
@@ -168,8 +168,9 @@ def test_a_branch_stays_in_its_family(found, grid):
 
 
 def test_joining_finds_what_more_samples_find():
-    """Of stable orbits of longer periods that 256 samples go to, five miss one in eight; neighbours know half of
-    these, and nothing that does not exist.
+    """Joining finds half of the stable orbits that few samples miss, and nothing that does not exist.
+
+    Five samples miss one in eight of the stable orbits of longer periods that 256 samples find.
     """
     delta, epsilon = np.linspace(0.405, 0.425, 12), np.linspace(0.1, 0.115, 12)
     few, many = (rattle.families_of(delta, epsilon, count=count).attractors for count in (5, 256))

@@ -52,7 +52,7 @@ def test_a_small_count_is_no_reason_to_call_a_transient_chaos(count):
 
 @pytest.mark.parametrize("count", [1, 2, 4, 8, 16])
 def test_chaos_is_found_by_few_samples_too(count):
-    """With a quiet motion and without one, and watched as long as by many."""
+    """There are cells with and without quiet running, observed as long as with many samples."""
     for point in ((0.6, 0.1), (0.762, 0.0968), (0.5, 0.2)):
         many = rattle.Gear(*point).attractors(64)
         few = rattle.Gear(*point).attractors(count)

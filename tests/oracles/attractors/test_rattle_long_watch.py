@@ -36,9 +36,9 @@ def pairs():
 
 
 def differs(reference, found):
-    """Whether a label's share differs by more than rounding in a chaotic transient can move samples between basins.
+    """Return whether a label's fraction differs by more than rounding in a chaotic transient can change.
 
-    Undecided samples may be anything, by definition.
+    Undecided samples may have any label.
     """
     open_ends = found["undecided", 0, 0, 0] + reference["undecided", 0, 0, 0]
     for label in set(reference) | set(found):

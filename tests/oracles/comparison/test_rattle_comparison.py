@@ -25,7 +25,7 @@ START, PERIODS = 0.377, 120.0
 
 
 def rattling(gear: AnyGear) -> list[rattle.Attractor]:
-    """What a sample finds, but for what makes no impacts and what is not told."""
+    """Return the attractors of a sample, without quiet running and undecided samples."""
     speed = float(natural_speed(gear.delta, gear.epsilon, gear.beta))
     return [each for each in gear.attractors(64, speed) if each.kind in ("periodic", "chaotic")]
 

@@ -63,7 +63,7 @@ def tangent(orbit):
 
 
 def happens(orbit):
-    """Whether each flight, recomputed, ends where the motion has it."""
+    """Return whether each flight, recomputed, ends at the time of the motion."""
     gear, ends = rattle.Gear(orbit.delta, orbit.epsilon, orbit.beta), [*orbit.times, orbit.times[0] + orbit.m]
     for i, wall in enumerate(orbit.walls):
         if orbit.speeds[i] <= 0:
@@ -237,7 +237,7 @@ def test_both_itineraries_meet_at_a_graze(label):
 
 @pytest.mark.filterwarnings("error")
 def test_the_multipliers_of_a_graze_are_infinite_and_come_without_a_warning():
-    """Its terms of the monodromy are infinite, of opposite signs where the motion is one of the figures'."""
+    """Terms of the monodromy are infinite there, with opposite signs if the motion is one of the figures'."""
     assert np.isinf(orbit_of(Itinerary((1, -1), 1, BETA), G1_AT_0762).multipliers[0])
     for label in ((2, 2, 1), (4, 4, 2), (5, 5, 2)):
         for event in followed(label).events:
@@ -249,8 +249,10 @@ def test_the_multipliers_of_a_graze_are_infinite_and_come_without_a_warning():
 
 
 def test_grazing_curves_of_several_motions_end_at_cod23():
-    """Where SN2 and PD1 end: there the motions are the grazing C, m times over, and their speeds at Σ⁻ all vanish in
-    proportion to the distance, so that less than 1e-7 before it they are below what rounding leaves of existence.
+    """SN2 and PD1 end there: the motions become the grazing C, m times over.
+
+    Their speeds at Σ⁻ all vanish in proportion to the distance, so that less than 1e-7 before it they are below the
+    rounding of existence.
     """
     point = next(p for p in codimension_two(BETA) if p.name == "COD23")
     for label in ((2, 2, 1), (3, 3, 2), (4, 4, 2)):

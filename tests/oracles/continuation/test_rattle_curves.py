@@ -133,7 +133,7 @@ def test_every_epsilon_of_a_curve(name, rng):
 
 @pytest.mark.parametrize("name", [*NAMES, "quiet_limit"])
 def test_a_smaller_window_cuts_the_curve_and_loses_none_of_it(name, rng):
-    """Also where the fold that joins two parts of it, as on PD2, is outside."""
+    """The fold that joins two parts of a curve may be outside, as on PD2."""
     for beta in betas()[: either(1, 2)]:
         curve = traced(name, beta)
         delta = inside(curve, rng) if len(curve.delta) else beta

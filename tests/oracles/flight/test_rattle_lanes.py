@@ -85,7 +85,7 @@ def _mapped(states):
     ids=["plane", "wide", "arcs"],
 )
 def test_lanes_against_the_scalar_map(regime, count, near):
-    """Both differ by rounding, which a graze on the way makes large: the tangent matrix tells how large.
+    """The maps differ by rounding, which a graze enlarges; the tangent matrix gives the factor.
 
     Above the quiet limit flights turn twice: lanes prove those, the scalar map searches them.
     """

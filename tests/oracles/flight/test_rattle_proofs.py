@@ -203,7 +203,7 @@ def _lowest(tau, w, delta, epsilon, longest):
 
 @compiled
 def _depths(n, seed, regime):
-    """Of n flights: bounds given, bounds above the true minimum, the mean distance between them."""
+    """Return how many of n flights have a bound, how many bounds are above the true minimum, the mean distance."""
     np.random.seed(seed)
     given, wrong, apart = 0, 0, 0.0
     for _ in range(n):

@@ -26,7 +26,7 @@ def corner():
 
 
 def corner_leaves(delta, epsilon):
-    """Whether the image of the first crossing of Γ by W^u(A) comes back to A and leaves it away from the attractor."""
+    """Return whether the image of the first crossing of Γ by W^u(A) leaves A away from the attractor."""
     saddle = period_one_saddle("A", delta, epsilon)
     local = local_manifold(saddle, stable=False)
     s = local.size * local.multiplier ** np.linspace(-1.0, 0.0, 201)

@@ -18,7 +18,7 @@ def test_both_sides_of_the_solved_crisis(delta, epsilon):
 
 
 def share_at_rest(delta, epsilon, beta):
-    """Of states just outside A towards rising v, the share that is at rest after 30 000 impacts."""
+    """Return the share of states just outside A, towards rising v, that are at rest after 30 000 impacts."""
     gear = rattle.Gear(delta, epsilon, beta)
     a = gear.orbits()[0]
     x = np.random.default_rng(7).random((2, 400))

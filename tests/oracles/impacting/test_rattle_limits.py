@@ -28,7 +28,7 @@ def solution(letter: str, delta: float, epsilon: float) -> tuple[float, float] |
 
 
 def happens(letter: str, delta: float, epsilon: float, beta: float) -> bool:
-    """Whether the flight of A or C stays between the walls, at 3999 times (paper 2.3, integrated)."""
+    """Return whether the flight of A or C stays between the walls, at 3999 times (paper 2.3, integrated)."""
     found = solution(letter, delta, epsilon)
     if found is None:
         return False

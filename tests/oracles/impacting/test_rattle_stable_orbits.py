@@ -49,7 +49,7 @@ def around(n_plus, tau, v, delta, epsilon, beta):
 
 
 def trace_and_determinant(n_plus, tau, v, delta, epsilon, beta):
-    """Of the product of the map's tangents."""
+    """Return trace and determinant of the product of the map's tangents."""
     product = np.eye(2)
     for _ in range(n_plus):
         _status, tau, v, _time, _below, j00, j01, j10, j11, _ln = impact_tangent(

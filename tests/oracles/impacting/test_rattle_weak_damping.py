@@ -1,4 +1,4 @@
-"""Where real gears are, δ, ε and β of one order and small: orbits, Γ, manifolds, basins, the margin and the crisis."""
+"""Small δ, ε and β of one order, as real gears have: orbits, Γ, manifolds, basins, boundary distance and crisis."""
 
 import math
 
@@ -70,7 +70,7 @@ def test_regions_are_those_of_the_orbits_where_the_paper_has_no_name():
 
 
 def test_gamma_is_dense_in_speeds_too():
-    """Its speeds are below 0.014 here: neighbours count as close in sevenths of the natural speed."""
+    """Speeds are below 0.014 here: neighbours count as close in sevenths of the natural speed."""
     gear = rattle.Gear(0.002, 0.0005, 0.001)
     (piece,) = gear.gamma(0.02)
     assert np.hypot(np.diff(piece.tau), np.diff(piece.v) / (NATURAL / 7)).max() <= 0.02

@@ -1,4 +1,4 @@
-"""What happens between the impacts of a periodic motion, by Gauss-Legendre quadrature: nodes of every piece of it."""
+"""Motion between the impacts of a periodic orbit, by Gauss-Legendre quadrature with nodes on every piece."""
 
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ def pieces(begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def nodes(gear: AnyGear, motion: Motion) -> Nodes:
-    """Those of a periodic motion over its period, and the impacts that it was cut at."""
+    """Return the nodes of a periodic motion over its period, and the impacts that divide it."""
     impacts = gear.impacts(motion)
     found = []
     leaves, wall, w = motion.tau, 1, -motion.v

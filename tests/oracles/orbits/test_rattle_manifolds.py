@@ -102,7 +102,7 @@ def cells_of(found, n, v_max):
 
 @deep  # as above, and in the contract of Figure 6
 def test_the_stable_manifolds_of_a_and_b_bound_the_basins():
-    """Of a million cells fewer than 0.1 % of those at a boundary are further than two cells from them."""
+    """Fewer than 0.1 % of the cells at a boundary, among a million, are further than two cells from the manifolds."""
     n = 1000
     edge = boundary(GEAR.basins(n, method="refined").labels)
     on = np.zeros((n, n), bool)

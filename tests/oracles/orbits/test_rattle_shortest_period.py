@@ -25,7 +25,7 @@ def test_a_motion_several_times_over_is_given_once(name: str, times: int) -> Non
 
 
 def test_a_motion_that_has_just_doubled_keeps_its_period() -> None:
-    """Its halves are close there, and D itself is not stable any more."""
+    """Both halves are close together there, and D itself is no longer stable."""
     start = rattle.Gear(0.6, 0.077)
     doubled = next(each for each in start.attractors() if (each.m, each.n_plus, each.n_minus) == (2, 2, 2))
     branch = rattle.branch(start.orbit(doubled.tau, doubled.v, 2), "epsilon", (0.0761, 0.077))

@@ -1,4 +1,4 @@
-"""What is answered of populations, against outputs whose shares, quantiles and indices are known in closed form."""
+"""Answers of populations, against outputs whose shares, quantiles and indices are known in closed form."""
 
 import numpy as np
 import pytest

@@ -68,7 +68,7 @@ def checker_says(block):
 
 
 def holds(claim, delta, epsilon, beta=0.6):
-    """Whether it holds at these points, as doubles tell."""
+    """Return whether a claim holds at these points, in double precision."""
     orbits = period_one(delta, epsilon, beta)
     if claim in REGIONS:
         return regions(delta, epsilon, beta) == list(REGIONS).index(claim) + 1

@@ -53,7 +53,7 @@ def test_a_horseshoe_is_stored_of_each_point_asked_for(stored):
 
 
 def test_images_hold_what_the_impact_map_does(stored):
-    """Of random states of random small parts of sets, by both programs."""
+    """The states are random, in random small parts of sets; both programs are tested."""
     rng = np.random.default_rng(1)
     for document in stored.values():
         gear = rattle.Gear(*(float(document["parameters"][name]) for name in ("delta", "epsilon", "beta")))
@@ -221,7 +221,7 @@ def test_loops_are_told_apart_by_their_first_sets(stored):
 
 
 def test_the_entropy_is_that_of_words_of_loops():
-    """Of loops of lengths 1 and 2 the golden mean; of two of length 1 the full shift; never more than is true."""
+    """Loops of lengths 1 and 2 have the golden mean, two of length 1 the full shift; the bound is never too high."""
     with precision():
         for lengths, truth in (((1, 2), np.log((1 + 5**0.5) / 2)), ((1, 1), np.log(2)), ((5, 5, 5), np.log(3) / 5)):
             assert truth - 2e-4 < float(prove.entropy(lengths)) <= truth

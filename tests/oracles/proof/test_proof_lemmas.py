@@ -47,7 +47,7 @@ def between(delta, epsilon, beta, wall, target, t0, t1):
 
 
 def happens(delta, epsilon, beta, wall, target, t0, t1, w0):
-    """Whether the compiled search, which cannot skip a crossing, ends there too; None within rounding of a graze."""
+    """Return whether the compiled search, which cannot skip a crossing, ends there too; None near a graze."""
     if -wall * w0 < GRAZING:
         return False if -wall * w0 < -GRAZING else None
     found = rattle.Gear(delta, epsilon, beta).first_impact(wall, t0 % 1, w0)
@@ -98,7 +98,7 @@ def test_the_checker_says_the_same_of_flights():
 
 
 def test_a_contact_is_proved_if_and_only_if_it_lasts():
-    """By both: until the end that the compiled search finds, and not until the same formula is 0 again."""
+    """Both programs prove it to the end that the compiled search finds, and not to a later zero of the formula."""
     rng, seen = np.random.default_rng(3), 0
     for _ in range(either(40, 2000)):
         delta, epsilon, beta, kappa = rng.uniform(0.2, 1.5), rng.uniform(0, 0.4), 0.6, 10 ** rng.uniform(1.5, 5)
@@ -137,7 +137,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
 
 
 def test_bounds_of_an_extremum_hold_wherever_they_are_taken(monkeypatch):
-    """With two minima and a maximum between, at any place of their pieces; the extrema themselves in 40 digits."""
+    """There are two minima and a maximum between, at any place of their pieces; the extrema have 40 digits."""
     rng, told = np.random.default_rng(4), 0
     with precision():
         cases = ((case, between(*case)) for case in random_flights(10_000, 6))
@@ -233,7 +233,7 @@ def test_no_box_is_proved_where_there_are_two_motions():
 
 
 def test_intervals_of_the_checker_hold_the_balls_of_the_finder():
-    """Of sin, cos and exp on narrow and wide intervals: two libraries."""
+    """The functions sin, cos and exp are evaluated on narrow and wide intervals by two libraries."""
     rng = np.random.default_rng(5)
     with precision():
         for _ in range(either(300, 20_000)):

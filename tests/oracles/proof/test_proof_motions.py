@@ -1,4 +1,4 @@
-"""What is proved of motions holds, by 40 digits; everything that the finder proves the checker proves."""
+"""Proved statements about motions hold in 40 digits, and the checker proves everything that the finder proves."""
 
 import json
 from dataclasses import replace
@@ -85,7 +85,7 @@ def test_motions_of_the_stiff_gear_are_proved_and_checked(kappa):
 
 
 def test_motions_of_the_stiff_gear_tend_to_those_of_its_limit():
-    """As a series in κ^(−1/2), whose first term is extrapolated away: of the limit the oracle knows no contact."""
+    """The difference is a series in κ^(−1/2), whose first term is extrapolated away; the limit has no contact."""
     gear = rattle.Gear(0.6, 0.0615)
     limit = gear.orbit(gear.orbits()[0].tau, gear.orbits()[0].v)
     orbits = [rattle.stiff.from_limit(limit, kappa) for kappa in (1e6, 1e8)]

@@ -18,7 +18,7 @@ def number_of(found: GlobalContinuation, label: tuple[str, int, int, int]) -> in
 
 
 def changes_of(found: GlobalContinuation, label: tuple[str, int, int, int]) -> list[tuple[bool, str, float]]:
-    """Of all families with a label: whether each begins, its cause, and ε there."""
+    """Return for each family of a label whether it begins or ends, the cause, and ε there."""
     at = np.arange(len(found.parameters))
     return [
         (each.begins, each.cause, float(np.interp(0.5 * (each.low + each.high), at, found.parameters[:, 1])))
@@ -87,7 +87,7 @@ def test_causes_are_the_events_of_the_diagram() -> None:
 
 
 def test_half_backlash_is_a_parameter_too() -> None:
-    """Where G1 of each β is at the ε of the path, C ends."""
+    """C ends where the G1 of a β has the ε of the path."""
     found = rattle.global_continuation([(0.6, 0.08, 0.6), (0.6, 0.08, 0.4)], count=16, steps=4)
     lost = next(each for each in found.changes if found.label(each.family) == C)
     beta = float(np.interp(0.5 * (lost.low + lost.high), np.arange(5), found.parameters[:, 2]))
@@ -114,7 +114,7 @@ def test_quiet_motion_ends_at_its_limit() -> None:
 
 
 def test_a_family_that_no_sample_told_is_no_end() -> None:
-    """With two samples C is missed at most steps: neighbours know it, and it ends at its birth alone."""
+    """Two samples miss C at most steps, but its neighbours know it, and it ends at its birth only."""
     found = rattle.global_continuation([(0.6, 0.0785), (0.6, 0.058)], count=2, steps=12)
     c = number_of(found, C)
     fractions, (_low, high) = found.fractions(c), found.intervals(c)

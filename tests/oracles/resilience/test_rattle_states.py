@@ -20,7 +20,7 @@ def test_a_box_is_filled_evenly() -> None:
 
 
 def test_a_density_is_followed() -> None:
-    """Its moments: of v² over (0, 2), and of 1 + cos 2πτ."""
+    """The moments of v² over (0, 2), and of 1 + cos 2πτ, are compared."""
     tau, v = rattle.sampled_states(1 << 14, (0.0, 2.0), density=lambda tau, v: (1 + np.cos(2 * np.pi * tau)) * v**2)
     assert v.mean() == pytest.approx(1.5, abs=1e-3)
     assert (v**2).mean() == pytest.approx(12.0 / 5.0, abs=3e-3)

@@ -174,7 +174,7 @@ def test_saddle_nodes_flips_and_letters() -> None:
     ("span", "kinds"), [((0.055, 0.0795), {"SN": 1, "PD": 3}), pytest.param((0.14, 0.15), {"GR": 1}, marks=deep)]
 )
 def test_events_converge_to_those_of_the_impacting_model(span, kinds) -> None:
-    """As κ^(−1/2): SN1, SN2, PD1 and flips of twice and four times the period; C's graze, which is G1 in the limit."""
+    """The difference falls as κ^(−1/2): SN1, SN2, PD1, flips of twice and four times the period, and C's graze (G1)."""
     ends = (0.6, span[0]), (0.6, span[1])
     limit = rattle.diagram(*ends, BETA, 2, 1)
     softer, stiffer = (diagram(*ends, BETA, kappa, 2, 1) for kappa in (1e6, 1e8))

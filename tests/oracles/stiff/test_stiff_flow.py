@@ -111,7 +111,7 @@ def test_no_end_of_contact_is_skipped() -> None:
 
 @pytest.mark.parametrize("kappa", [1.0, 30.0, 1e3, 1e6, 1e10])
 def test_a_grazing_contact_is_short_and_exact(kappa: float) -> None:
-    """Where the force pulls away from the wall a contact entered with speed w lasts 2w/|h|, however small w is."""
+    """A contact entered with speed w where the force pulls away from the wall lasts 2w/|h|, however small w is."""
     delta, epsilon, tau = 0.6, 0.4, 0.0
     pull = -(4 * math.pi * delta - 4 * math.pi**2 * epsilon)
     for w in (1e-3, 1e-6, 1e-9, 1e-14, 1e-30):

@@ -53,7 +53,7 @@ def test_exponents_are_those_of_finite_differences_and_sum_to_the_damping() -> N
 
 
 def test_the_limit_is_the_impacting_map() -> None:
-    """As κ^(−1/2), where no contact with Σ⁻ is light."""
+    """The difference falls as κ^(−1/2) if no contact with Σ⁻ is light."""
     limit = rattle.iterate_tangent(DELTA, EPSILON, TAU, V, 2)
     off = []
     for kappa in (1e6, 1e8, 1e10):

@@ -83,7 +83,7 @@ def test_stable_manifolds_bound_basins(name: str) -> None:
 
 
 def test_unstable_manifolds_converge_to_those_of_the_limit() -> None:
-    """As κ^(−1/2): distances of their points, beside the saddle, before any light contact, from the limit's curve."""
+    """Distances of points beside the saddle, before any light contact, from the limit's curve fall as κ^(−1/2)."""
     limit, off = manifold(impacting("A"), "unstable", -1, 1.0, spacing=0.001), []
     start, chord = np.stack([limit.tau, limit.v])[:, :-1], np.diff(np.stack([limit.tau, limit.v]), axis=1)
     for kappa in (1e6, 1e8):

@@ -124,7 +124,7 @@ def test_sn2_pd1_and_the_graze_converge() -> None:
 
 
 def test_the_limit_is_not_uniform_at_a_graze() -> None:
-    """Where a contact with Σ⁻ is light, the slope of the motion's response is of order √κ: no square root."""
+    """If a contact with Σ⁻ is light, the slope of the motion's response is of order √κ, without a square root."""
     steepest = []
     for kappa in (1e5, 1e7, 1e9):
         branch = branch_of_d(kappa)

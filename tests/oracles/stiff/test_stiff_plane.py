@@ -94,7 +94,7 @@ def test_what_samples_find_is_among_the_motions(kappa: float) -> None:
     [(0.557, 0.4, 0.396, 21.5, "BCD"), (1.42, 0.6, 0.079, 68.7, "D")],
 )
 def test_a_family_that_only_a_graze_leads_to_is_found(delta, epsilon, beta, kappa, names) -> None:
-    """So near resonance the limit leads to no P(1,1,1), but a P(1,1,0) touches Σ⁻. The return map knows them."""
+    """Near resonance the limit leads to no P(1,1,1), but a P(1,1,0) touches Σ⁻, and the return map has both."""
     found = members(delta, epsilon, beta, kappa)
     assert "".join(member.name for member in found) == names
     for member in found:

@@ -1,1 +1,1 @@
-"""Levels: a survey in less and less resolution, each cell of a level what several cells of the survey have."""
+"""Levels: a survey at lower and lower resolution, where each cell of a level summarizes several cells of the survey."""

@@ -1,4 +1,4 @@
-"""Define the levels of a survey, and the blocks that they are made in."""
+"""Define the levels of a survey, and the blocks in which they are built."""
 
 import math
 from collections.abc import Iterable
@@ -12,8 +12,8 @@ from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.quantities import held, shape_of
 
 GROUP = "levels"
-LARGEST = 512  # cells along an axis of a survey that needs no levels
-LEAST = 256  # cells along an axis that is not halved any more
+LARGEST = 512  # the most cells along an axis of a survey without levels
+LEAST = 256  # an axis of so many cells or fewer is not halved
 #: Cells along an axis of a block, a chunk of each level, and numbers of a variable in one: some 130 MB of a worker.
 SIDE, BLOCK_NUMBERS = 2048, 1 << 24
 
@@ -22,7 +22,7 @@ Pair = tuple[int, int]  # along (epsilon, delta)
 
 @dataclass(frozen=True)
 class Level:
-    """A level: its number from 1, how many cells of the survey one of its cells has along each axis, and its shape."""
+    """A level: its number from 1, the cells of the survey in one of its cells along each axis, and its shape."""
 
     number: int
     cells: Pair
@@ -30,39 +30,39 @@ class Level:
 
     @property
     def path(self) -> str:
-        """The group that it is in."""
+        """The path of its group."""
         return f"{GROUP}/{self.number}"
 
 
 @dataclass(frozen=True)
 class LevelBlock:
-    """A rectangle of the survey that is one chunk of each level, and where it is among these."""
+    """A rectangle of the survey that is one chunk of each level; `place` is its row and column among blocks."""
 
     place: Pair
     epsilon: slice
     delta: slice
-    along: Along = ()  # in which slice it is
+    along: Along = ()  # index of its slice
 
     @property
     def at(self) -> tuple[int | EllipsisType | slice, ...]:
-        """Its part of a variable."""
+        """Index of the block in a variable of the survey."""
         return *self.along, ..., self.epsilon, self.delta
 
     def at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
-        """Return the same of a level."""
+        """Return the index of the block in a variable of a level."""
         spans = zip((self.epsilon, self.delta), level.cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
 
 def halvings(shape: Pair) -> tuple[Level, ...]:
-    """Return all levels that cells of this shape can have, down to a single one.
+    """Return all levels that cells of this shape can have, down to a single cell.
 
-    An axis of more than LEAST is halved while there is one, then both are.
+    Axes of more than LEAST are halved while there are any, then both are.
 
     Returns
     -------
     tuple[Level, ...]
-        The levels.
+        From the finest to the coarsest.
     """
     cells, found, now = (1, 1), list[Level](), shape
     while max(now) > 1:
@@ -74,19 +74,19 @@ def halvings(shape: Pair) -> tuple[Level, ...]:
 
 
 def levels_of(shape: Pair) -> tuple[Level, ...]:
-    """Return the levels that a survey of this shape has in its store: none up to LARGEST, then down to LEAST."""
+    """Return the levels in the store of a survey of this shape: none up to LARGEST, else down to LEAST."""
     all_of = halvings(shape) if max(shape) > LARGEST else ()
     return all_of[: 1 + sum(max(level.shape) > LEAST for level in all_of)]
 
 
 def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
-    """Return how many cells of the level before, the survey first, each level's cells have along each axis: 1 or 2."""
+    """Return for each level how many cells of the level before become one, 1 or 2 along each axis."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
 
 def block_shape(request: SurveyRequest) -> Pair:
-    """Cells of a block along each axis. It depends on the grid and the variables, and not on the tiles."""
+    """Return the cells of a block along each axis, which depend on the grid and the variables, not on the tiles."""
     per_cell = (each for each in held(request.quantities, request.model) if each.per_cell)
     maps = max(math.prod(shape_of(each, (1, 1), request.n_slots)) for each in per_cell)
     side = SIDE
@@ -110,14 +110,14 @@ def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
 
 
 def centres(axis: np.ndarray, cells: int) -> np.ndarray:
-    """Return the middles of a level's cells, so many of the survey's each, whose own are `axis`.
+    """Return the centres of a level's cells, each of so many of the survey's cells, whose centres are `axis`.
 
-    Evenly spaced, as if the last one had as many as the others.
+    They are evenly spaced, as if the last cell were complete.
 
     Returns
     -------
     np.ndarray
-        Middles of the cells.
+        Shape (cells of the level,).
     """
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found: np.ndarray = axis[0] + step * (cells * np.arange(-(-axis.size // cells)) + (cells - 1) / 2)

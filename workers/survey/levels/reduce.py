@@ -1,9 +1,9 @@
 """Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
-Every function takes values (m, n), which cells are `known` (m, n), and for one level after the other how many cells
-of the level before, 1 or 2 along each axis, become one; it yields what each level has. Levels follow from the cells,
-not from one another: the most frequent of most frequent codes is not the most frequent one. At the end of an axis a
-cell of a level may have fewer cells.
+Every function takes values (m, n), flags `known` (m, n) of the computed cells, and for each level how many cells of the
+level before become one, 1 or 2 along each axis; it yields the arrays of each level. Levels follow from the cells, not
+from one another, because the most frequent of most frequent codes need not be the most frequent code. At the end of an
+axis a cell of a level may cover fewer cells.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,15 +14,12 @@ import numpy as np
 
 from gear_rattle.workers.survey.levels.grid import Pair
 
-#: What is told of numbers: share is that of the known cells that have a finite one.
+#: Statistics of numbers; share is the share of known cells with a finite number.
 STATISTICS = ("mean", "least", "largest", "share")
 
 
 class Codes(NamedTuple):
-    """Reduced codes of cells (m, n): the most frequent, the lowest of several, its share, and a bit for each code.
-
-    Where no cell is known these are 0, NaN and 0.
-    """
+    """Reduced codes of cells (m, n): the most frequent one (the lowest of several), its share, a bit for each code."""
 
     most: np.ndarray
     share: np.ndarray
@@ -32,7 +29,7 @@ class Codes(NamedTuple):
 def pooled_cells(
     values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
 ) -> np.ndarray:
-    """Make cells of a level from those of the one before, always in the same order."""
+    """Combine cells of a level into those of the next with `pool`, always in the same order."""
     lacking = [(0, -size % each) for size, each in zip(values.shape, step, strict=True)]
     if any(after for _, after in lacking):
         values = np.pad(values, lacking, constant_values=filler)
@@ -40,7 +37,7 @@ def pooled_cells(
 
 
 def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
-    """Codes 0 to number − 1, at most 32."""
+    """Yield for each level the reduced codes, which are from 0 to number − 1; number is at most 32."""
     there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
@@ -57,19 +54,19 @@ def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: 
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
-    """Return the type that has a bit for each of so many codes."""
+    """Return the unsigned type with a bit for each of so many codes."""
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 
 
 def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
+    """Yield for each level the STATISTICS (4, m, n) of numbers, float32; the mean is that of finite numbers.
 
-    NaN where no cell has one.
+    least and largest include infinite numbers. NaN where no cell has a number.
 
     Yields
     ------
     np.ndarray
-        Statistics of each level.
+        Statistics of a level.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)
@@ -80,20 +77,20 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
         least, largest = (
             pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
         )
-        mean = np.clip(_over(total, count), least, largest)  # rounding may not lead out of them
+        mean = np.clip(_over(total, count), least, largest)  # rounding must not lead outside them
         yield _single(mean, least, largest, _over(count, of))
 
 
 def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield phases, of a circle of length 1, as STATISTICS.
+    """Yield for each level the STATISTICS (4, m, n) of phases, on a circle of length 1.
 
-    Their mean direction in [0, 1), and their extent on either side of it, the least perhaps below 0 and the largest
-    perhaps 1 or more.
+    The mean is the mean direction in [0, 1). least and largest are the extent on either side of it, so they may be
+    below 0, or 1 and more.
 
     Yields
     ------
     np.ndarray
-        Statistics of each level.
+        Statistics of a level.
     """
     values = np.where(known, values, np.nan).astype(float)
     finite = np.isfinite(values)

@@ -1,4 +1,4 @@
-"""Describe the levels of a store: a group for each, its arrays, and how they belong together."""
+"""Describe the levels of a store: a group for each, its arrays, and the relation between levels."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -25,10 +25,10 @@ from gear_rattle.workers.survey.template import (
 from gear_rattle.workers.survey.values.quantities import COORDINATES, held, labels_of
 from gear_rattle.workers.survey.values.schema import CELL, Quantity
 
-#: Dimensions of a level: others than the survey's, whose coordinates are other ones.
+#: Dimensions of a level, with other names than the survey's because their coordinates differ.
 LEVEL_CELL = ("level_epsilon", "level_delta")
 STATISTIC = "statistic"
-SHARE, OCCURS = "_share", "_occurs"  # what of codes is beside the most frequent one
+SHARE, OCCURS = "_share", "_occurs"  # endings of the further arrays of codes
 MULTISCALES = {
     "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",
     "spec_url": "https://github.com/zarr-conventions/multiscales/blob/v1/README.md",
@@ -39,7 +39,7 @@ MULTISCALES = {
 
 
 class LevelDescription(NamedTuple):
-    """An array of a level: its dimensions but those of its cells and of a third axis."""
+    """An array of a level: name, dimensions without those of cells and of a third axis, type and attributes."""
 
     name: str
     dims: tuple[str, ...]
@@ -48,7 +48,7 @@ class LevelDescription(NamedTuple):
 
 
 def maps(request: SurveyRequest) -> list[Quantity]:
-    """Return the variables that levels have."""
+    """Return the variables of levels."""
     return [each for each in held(request.quantities, request.model) if each.per_cell]
 
 
@@ -58,7 +58,7 @@ def meanings(quantity: Quantity) -> tuple[str, ...]:
 
 
 def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
-    """Return the arrays that a level has of a variable; of complex numbers these are moduli."""
+    """Return the arrays of a level for a variable; for complex numbers these hold moduli."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
@@ -79,7 +79,7 @@ def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
 
 
 def create(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
-    """Create an array of a level, of which each block is a chunk."""
+    """Create an array of a level, with a chunk for each block."""
     axes = request.third_axis
     beside = [len(_labels(request, dim)) for dim in array.dims]
     sides = [
@@ -104,7 +104,7 @@ def _labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ..
 
 
 def files_of_levels(request: SurveyRequest) -> Template:
-    """Return the files that levels add to a store but their chunks, by their key."""
+    """Return the files of levels in a store, except their chunks, by their key."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     levels = levels_of(request.shape)
@@ -126,7 +126,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
 
 
 def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """Yield the convention's entry of each level: along (epsilon, delta), relative to the level before it."""
+    """Yield the convention's entry for each level: along (epsilon, delta), relative to the level before it."""
     for level, step in zip(levels, steps_of(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]

@@ -1,1 +1,1 @@
-"""A tile whose cells are computed coarse first, and finer where what exists there differs; the others are filled."""
+"""Tiles whose cells are computed coarsely first, and finely where motions differ; other cells are filled."""

@@ -1,4 +1,4 @@
-"""The blocks of a tile, and their leaves: squares of cells with their edges, halved until nothing differs in them."""
+"""The blocks of a tile, and their leaves: squares of cells with their edges, halved until nothing differs inside."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 
 
 class Leaves(NamedTuple):
-    """Squares (k,) of equal size: their block, and the row and column in it where they begin.
+    """Squares (k,) of equal size: their block, and their first row and column in it.
 
     A leaf of size n has n + 1 cells a side: its last row and column are the first ones of the next leaves.
     """
@@ -24,12 +24,12 @@ class Leaves(NamedTuple):
     size: int
 
     def of(self, which: np.ndarray) -> Leaves:
-        """Return some of them."""
+        """Return a selection of the leaves."""
         return Leaves(self.block[which], self.row[which], self.column[which], self.size)
 
 
 class Square(NamedTuple):
-    """The cells of leaves (k, size + 1, size + 1): block, row and column in it; `inside` where the grid has a cell."""
+    """The cells of leaves (k, size + 1, size + 1): block, row and column in it; `inside`: whether it is in the grid."""
 
     block: np.ndarray
     row: np.ndarray
@@ -41,7 +41,7 @@ class Square(NamedTuple):
 class Blocks:
     """The blocks of the cells rows × columns of a grid of this shape.
 
-    Its frame is these cells and the row and column after them, where the grid goes on: the last edges of its blocks.
+    The frame is these cells with the next row and column of the grid, if there are any: the last edges of its blocks.
     """
 
     rows: slice
@@ -50,14 +50,14 @@ class Blocks:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """The cells that are looked at."""
+        """Rows and columns of the frame in the grid."""
         found = (slice(s.start, min(s.stop + 1, n)) for s, n in zip((self.rows, self.columns), self.grid, strict=True))
         rows, columns = found
         return rows, columns
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frame."""
+        """Numbers of rows and columns of the frame."""
         rows, columns = self.frame
         return rows.stop - rows.start, columns.stop - columns.start
 
@@ -69,22 +69,22 @@ class Blocks:
 
     @cached_property
     def last(self) -> tuple[np.ndarray, np.ndarray]:
-        """The last row and column of each block (blocks,), with its edges."""
+        """The last row and column of each block (blocks,), its far edges included."""
         top, left = self.corners
         return np.minimum(BLOCK, self.shape[0] - 1 - top), np.minimum(BLOCK, self.shape[1] - 1 - left)
 
     @property
     def n_cells(self) -> int:
-        """Cells of the frame."""
+        """Number of cells of the frame."""
         return self.shape[0] * self.shape[1]
 
     def whole(self) -> Leaves:
-        """Return each block as a leaf."""
+        """Return one leaf for each block."""
         number = np.arange(self.corners[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
     def halves(self, leaves: Leaves) -> Leaves:
-        """Return the four quarters of leaves, those without a cell of their own inside left out."""
+        """Return the four quarters of leaves, without those that have no cell inside."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])
         row = row + np.tile([0, 0, half, half], leaves.block.size)
@@ -116,7 +116,7 @@ class Blocks:
         return number
 
     def edges(self, leaves: Leaves) -> np.ndarray:
-        """Return the cells of the frame that are on an edge of leaves, each once, in their order."""
+        """Return the cells of the frame on an edge of leaves, each once, sorted."""
         square = self.square(leaves)
         row, column = square.row, square.column
         ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
@@ -124,14 +124,14 @@ class Blocks:
         return self.each_once(self.cell(square)[on])
 
     def each_once(self, cells: np.ndarray) -> np.ndarray:
-        """Cells of the frame in their order, each once; `np.unique` takes ten times as long."""
+        """Return cells of the frame sorted and each once; `np.unique` takes ten times as long."""
         there = np.zeros(self.n_cells, bool)
         there[cells] = True
         return np.flatnonzero(there)
 
 
 def cells_together(parts: Iterable[Leaves]) -> Leaves:
-    """Leaves of one size in one."""
+    """Return leaves of one size in one table."""
     many = list(parts)
     block, row, column = (np.concatenate(x) for x in zip(*(each[:3] for each in many), strict=True))
     return Leaves(block, row, column, many[0].size)

@@ -1,4 +1,4 @@
-"""Knowledge of the cells of a tile while it is refined: their regions, samples, and existing orbits."""
+"""The known cells of a tile while it is refined: their regions, samples, and existing orbits."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
 from rattle.families import GridPiece, in_order, no_attractors, together
 
-#: What samples go to that has no orbit which could be continued.
+#: Kinds of attractors without an orbit that could be continued.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
-FEW = 12  # samples: where one cell has none and another so many, they differ
-MOST = 65_536  # cells whose closed forms are looked for at once, by columns, which share their preparation
-SURELY = 1e-3  # how seldom a cell's samples miss by chance what others have
+FEW = 12  # samples; two cells differ if one has none and the other so many
+MOST = 65_536  # cells whose closed forms are computed at once, by columns, which share constants
+SURELY = 1e-3  # probability below which a cell without a motion that its neighbours have is surprising
 
 
 class Evidence:
-    """Cells of the frame of some blocks, computed when they are asked for.
+    """Cells of the frame of some blocks, computed on demand.
 
-    cells: of the frame. sampled: whether attractors are compared; regions: whether regions are.
+    cells: the cells of the frame. sampled: whether attractors are compared; regions: whether regions are.
     """
 
     def __init__(self, blocks: Blocks, cells: Cells, sampled: bool, regions: bool) -> None:
@@ -37,7 +37,7 @@ class Evidence:
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute those of some cells that are not, and what exists in the blocks that they are inside of."""
+        """Compute the unknown ones among these cells, and continue their orbits through their blocks."""
         cells = cells[~self.known[cells]]
         if not cells.size:
             return
@@ -60,7 +60,7 @@ class Evidence:
         self._continue(found.take(found.kind == PERIODIC))
 
     def _continue(self, periodic: Attractors) -> None:
-        """Continue orbits of computed cells everywhere in the blocks of these."""
+        """Continue orbits of computed cells through all cells of their blocks."""
         row, column = np.divmod(periodic.cell, self.blocks.shape[1])
         for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last, strict=True)):
             top, left, height, width = (int(x) for x in corner)
@@ -80,12 +80,12 @@ class Evidence:
         return GridPiece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
-        """Return numbers that are equal where the same orbits exist, in cells of one block."""
+        """Return numbers that are equal where the same orbits exist, for cells of one block."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
     def uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return whether the same is known to exist in all cells of leaves (k,), whatever the share of the samples."""
+        """Return whether the same motions are known to exist in all cells of leaves (k,), whatever their fractions."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         known = square.inside & self.known[cell]
@@ -99,7 +99,7 @@ class Evidence:
         return same
 
     def chaotic(self, leaves: Leaves) -> np.ndarray:
-        """Return whether samples of computed cells of leaves (k,) are chaotic or undecided."""
+        """Return whether computed cells of leaves (k,) have chaotic or undecided samples."""
         if not self.sampled:
             return np.zeros(leaves.block.size, bool)
         square = self.blocks.square(leaves)
@@ -114,12 +114,12 @@ class Evidence:
         Parameters
         ----------
         before : np.ndarray
-            The code of the cells when only the edges were known.
+            The codes of the cells when only the edges were known.
 
         Returns
         -------
         np.ndarray
-            Flags of the cells of the square.
+            Shape of the square, bool.
         """
         cell = self.blocks.cell(square)
         edge = square.inside & self.known[cell] & ~audited
@@ -137,15 +137,15 @@ class Evidence:
 
 
 def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
-    """Return whether cells of leaves differ in whether they have something at all, beyond what samples miss by chance.
+    """Return whether cells of leaves differ in the presence of a motion, beyond what samples miss by chance.
 
-    seen (…, k, n, n): samples that go to it; known (k, n, n): the cells that were sampled. A cell without any differs
-    from one with FEW; and cells without any are too many if so many are not expected of a share that all have.
+    seen (…, k, n, n): samples that go to the motion; known (k, n, n): the sampled cells. Cells differ if one has no
+    such sample and another at least FEW, or if more cells have none than a common fraction explains.
 
     Returns
     -------
     np.ndarray
-        True where leaves differ.
+        Shape (…, k), bool.
     """
     inner = (-2, -1)
     seen, cells = seen * known, known.sum(inner)
@@ -169,7 +169,7 @@ def labels_in(piece: GridPiece) -> np.ndarray:
 
 
 def scrambled(number: np.ndarray) -> np.ndarray:
-    """Other 64 bits for each, in which none tells of another (splitmix64)."""
+    """Return 64 pseudo-random bits for each number (splitmix64)."""
     x = number + np.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

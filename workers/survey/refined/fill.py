@@ -1,4 +1,4 @@
-"""Every variable of a tile that is refined: of its computed cells their own, of the others what was filled."""
+"""Every variable of a refined tile: computed cells have their own values, the others have filled ones."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from rattle import Attractors, wilson_interval
 from rattle.attractors import CHAOTIC, QUIET
 from rattle.families import in_order, together
 
-#: What a chaotic attractor tells by its trajectory, which a filled cell has none of.
+#: Variables that need the trajectory of a chaotic attractor, which a filled cell does not have.
 BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedCells(Cells):
-    """Cells of which only some were computed. table.
+    """Cells of which only some were computed.
 
-    The attractors of all, wider (rows,): as `Filling` has it, 0 of computed cells. regions, source_level, audit,
-    audit_leaf: of each cell.
+    table: the attractors of all cells. wider (rows,): the additional uncertainty of `Filling`, 0 for computed cells.
+    regions, source_level, audit, audit_leaf: values of each cell.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
@@ -49,7 +49,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def region(self) -> np.ndarray:
-        """The regions, of filled cells those of the edges around them."""
+        """The regions; a filled cell has that of the edges around it."""
         return self.regions
 
     @property
@@ -59,7 +59,7 @@ class RefinedCells(Cells):
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """Return the values of a variable, as its registry has it."""
+        """Return the values of a variable of the registry."""
         if quantity.name == "attractor_fraction_upper":
             return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":
@@ -83,7 +83,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _guessed(self) -> np.ndarray:
-        """Rows of chaotic attractors that were not followed."""
+        """Flags of the rows of chaotic attractors in filled cells, which have no trajectory."""
         found: np.ndarray = self.filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
@@ -93,13 +93,13 @@ class RefinedCells(Cells):
 
     @cached_property
     def _followed(self) -> RefinedCells:
-        """The same cells with the attractors that were followed."""
+        """The same cells, with only those attractors that have a trajectory."""
         rows = ~self._guessed
         return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 
 
 class FillingPlan(NamedTuple):
-    """How a tile is refined: the rounds of its audits, what is compared, curves of the plane, and what draws follow."""
+    """Options of a tile's refinement: rounds of audits, compared groups, curves of the plane, and the seed of draws."""
 
     rounds: Sequence[Round]
     quantities: tuple[Group, ...]
@@ -110,7 +110,7 @@ class FillingPlan(NamedTuple):
 def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
     """Refine the cells rows × columns of a grid of cells.
 
-    What a cell holds follows from its block: neither the tile nor its place in it shows.
+    The values of a cell follow from its block, and depend neither on the tile nor on the position in it.
 
     Returns
     -------

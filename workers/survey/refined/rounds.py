@@ -1,8 +1,9 @@
-"""Rounds of audits: what the next one has to do so that a bound of the wrong share that was asked for is met.
+"""Rounds of audits: the next round for a survey whose wrong share must meet a bound.
 
-Each round draws cells that no round before has drawn, from what is filled then: a sample that is independent of all
-that was decided before it. What a round finds wrong is mended. Kinds of leaves in which too much was wrong are computed
-whole in the next, which audits as many cells as the bound needs; the last computes all that is left.
+Each round draws cells that no earlier round has drawn, from the cells that are filled then: a sample independent of all
+earlier decisions. Cells that a round finds wrong are computed. Kinds of leaves in which too many cells were wrong are
+computed whole in the next round, which audits as many cells as the bound needs; the last round computes all that are
+left.
 """
 
 from __future__ import annotations
@@ -14,19 +15,19 @@ import numpy as np
 
 from gear_rattle.workers.survey.refined.audit import SURE, upper_share
 
-LAST = 5  # the number of the round that computes all that is left; the first has 0
+LAST = 5  # number of the round that computes all remaining cells; the first round is 0
 CHAOTIC, KINDS = 8, 16  # a kind of leaf: the logarithm of its size, and CHAOTIC where chaos was seen on its edges
-#: Of the bound: what is expected to be wrong after kinds of leaves are computed whole.
+#: Expected wrong share after leaves are computed whole, as a share of the bound.
 AIM = 0.5
-MOST = 0.5  # a larger share of the filled cells is not audited: all are computed
-SPARE = 3.0  # times as many cells as the first round needs if all are filled and none is wrong
+MOST = 0.5  # largest share to audit; instead of a larger one all cells are computed
+SPARE = 3.0  # factor of the first audit, over the size that suffices if all cells are filled and none is wrong
 
 
 class Round(NamedTuple):
     """A round of audits.
 
-    drawn: cells whose draw is below this are audited, if they are filled when it begins. regular, chaotic: leaves of at
-    most so many cells a side, without and with chaos, are computed whole before.
+    drawn: filled cells whose draw is below this are audited. regular, chaotic: leaves of at most so many cells a side,
+    without and with chaos, are computed whole before that.
     """
 
     drawn: float
@@ -37,8 +38,8 @@ class Round(NamedTuple):
 class Counts(NamedTuple):
     """Findings of a round, by kind of leaf (KINDS,).
 
-    Cells that were to be filled before it, that it audited, of these the ones that disagreed, and cells that are filled
-    after it.
+    before: cells to be filled before the round. audited, disagreed: audited cells, and those that disagreed. filled:
+    filled cells after the round.
     """
 
     before: np.ndarray
@@ -48,12 +49,12 @@ class Counts(NamedTuple):
 
 
 def sure_of(number: int) -> float:
-    """Return how sure the bound of a round is: all together as sure as SURE, however many there are."""
+    """Return the confidence of a round's bound; all rounds together have SURE, however many there are."""
     return 1.0 - (1.0 - SURE) / 2.0 ** (number + 1)
 
 
 def first_round(audit: float, bound: float | None, cells: int) -> Round:
-    """Return the first round, of a survey of so many cells; audit: the least share."""
+    """Return the first round for a survey of so many cells; audit: the least share of audited cells."""
     if bound is None:
         return Round(audit)
     needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)
@@ -63,12 +64,12 @@ def first_round(audit: float, bound: float | None, cells: int) -> Round:
 def upper_of(counts: Counts, number: int) -> float:
     """Return the upper bound of the share of wrong cells among those that are filled after a round.
 
-    Of those before it the bound that the audit gives, less those that were found.
+    It is the audit's bound for the cells before the round, less the wrong cells that were found.
 
     Returns
     -------
     float
-        The bound.
+        From 0 to 1.
     """
     filled, wrong, audited = (int(x.sum()) for x in (counts.filled, counts.disagreed, counts.audited))
     if not filled:
@@ -78,7 +79,7 @@ def upper_of(counts: Counts, number: int) -> float:
 
 
 def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round | None:
-    """Return the round after these, of which the last one found `counts`; None if the bound is met."""
+    """Return the round after these, given the findings of the last one; None if the bound is met."""
     number = len(rounds)
     if upper_of(counts, number - 1) <= bound:
         return None
@@ -97,7 +98,7 @@ def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round
 
 
 def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
-    """Return the share of filled cells to audit, where so many are expected to be wrong; 1: all are computed."""
+    """Return the share of filled cells to audit if so many are expected to be wrong; 1 if all must be computed."""
     share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
     while share <= MOST:
         found = share * wrong

@@ -1,4 +1,4 @@
-"""The cells of uniform leaves, filled: the orbits that exist there, and shares from the samples around."""
+"""Fill the cells of uniform leaves: existing orbits from continuation, fractions from the samples around them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rattle import Attractors
 from rattle.attractors import PERIODIC, UNDECIDED
 from rattle.families import GridPiece, no_attractors, together
 
-NORMAL = 1.96  # standard deviations in half of a 95 % interval
+NORMAL = 1.96  # half-width of a 95 % interval in standard deviations
 
 
 class Filling(NamedTuple):
-    """Attractors of filled cells of the frame, and by how much more than a sample's their shares are uncertain.
+    """Attractors of filled cells, and the additional uncertainty of their fractions beyond that of a sample.
 
-    samples: shares times the count, no whole numbers. A periodic row is an orbit that Newton's method has found in its
-    cell. One of another kind has the state of the nearest computed cell that has such, and no exponents.
+    samples: fractions times the count, not whole numbers. A periodic row is an orbit that Newton's method has found in
+    the cell. A row of another kind has the state of the nearest computed cell with that kind, and no exponents.
     """
 
     table: Attractors
@@ -30,8 +30,8 @@ class Filling(NamedTuple):
 class Related(NamedTuple):
     """The orbits (n,) of a block.
 
-    Their row and column in it, their label by number, and equal numbers where they are one: each becomes the other in
-    the next cell.
+    row, column: their cells in the block. label: number of their label. group: equal for orbits of one branch, that is,
+    each continues into the other in the next cell.
     """
 
     existing: GridPiece
@@ -59,7 +59,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
 
 
 def related(existing: GridPiece) -> Related:
-    """Return the orbits of a block that are one."""
+    """Return the orbits of a block, grouped into branches."""
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
@@ -78,9 +78,9 @@ def related(existing: GridPiece) -> Related:
 
 @dataclass(frozen=True, eq=False)
 class _Leaf:
-    """A leaf that is filled: cell (n, n), the numbers of its cells in the frame.
+    """A leaf to fill: cell (n, n), the numbers of its cells in the frame.
 
-    Known, empty: which were computed, and which are to be filled.
+    known, empty (n, n): flags of the computed cells, and of those to fill.
     """
 
     evidence: Evidence
@@ -89,12 +89,12 @@ class _Leaf:
     empty: np.ndarray
 
     def without_orbits(self) -> list[Filling]:
-        """Return the rows where no periodic orbit exists."""
+        """Return the rows of a leaf without periodic orbits."""
         shares, spread = self._planes(np.zeros((int(self.known.sum()), 0)))
         return self._kinds(shares, spread)
 
     def filling(self, related: Related, top: int, left: int) -> list[Filling]:
-        """Its rows; top, left: where it begins in its block."""
+        """Return the rows of the leaf; top, left: its first row and column in its block."""
         row, column = related.row - top, related.column - left
         n = self.cell.shape[0]
         here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
@@ -138,14 +138,14 @@ class _Leaf:
         return [*self._kinds(shares, spread), periodic]
 
     def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return shares in the empty cells, on planes fitted to the computed ones and made to add up to 1.
+        """Return fractions in the empty cells, from planes fitted to the computed cells, scaled so that their sum is 1.
 
-        Of each kind of SEEN and of each column of `won` (known cells, things).
+        There is one for each kind of SEEN and for each column of `won` (known cells, labels).
 
         Returns
         -------
         tuple[np.ndarray, np.ndarray]
-            The shares, and the standard deviation by which they differ from samples.
+            Fractions, and the standard deviation of samples from the planes.
         """
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
@@ -190,7 +190,7 @@ class _Leaf:
         return found
 
     def _nearest(self, kind: int, has: np.ndarray) -> np.ndarray:
-        """For each empty cell the row of the evidence's table of this kind, of the nearest cell that has it."""
+        """Return for each empty cell the evidence's row of this kind in the nearest cell that has one."""
         there, empty = np.argwhere(has), np.argwhere(self.empty)
         apart = ((empty[:, None] - there) ** 2).sum(axis=2)
         cell = self.cell[has][apart.argmin(axis=1)]
@@ -201,20 +201,21 @@ class _Leaf:
 
 
 def _normal(shares: np.ndarray) -> np.ndarray:
-    """Shares (cells, things) that are not negative and add up to 1."""
+    """Return shares (cells, labels) made non-negative, with sum 1 in each cell."""
     found = np.maximum(shares, 0.0)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the part of a share that each of those (k,) that share it gets, by weight.
+    """Return each orbit's part of the fraction that equal labels of a cell share, by weight.
 
-    Where none is listed, or none weighs anything, all get as much.
+    of (k,): number of the shared fraction. weight: negative for orbits without any computed cell. If all such orbits
+    have weight 0, their parts are equal.
 
     Returns
     -------
     np.ndarray
-        Parts; −1: none, as it is not listed.
+        Parts (k,), −1 for orbits that get none.
     """
     if not of.size:
         return np.zeros(0)

@@ -1,4 +1,4 @@
-"""Leaves are halved until what is known on their edges is uniform, and a share of what is then filled is audited."""
+"""Halve leaves until their edges are uniform, and audit a share of the cells that are then filled."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Tree:
     """The leaves of a tile.
 
     passed (rows, columns), twice: whether a curve passes between a cell of the frame and the next one along δ, along ε.
-    draws (cells,): of each cell, which round audits it if it is to be filled. leaf (cells,): of each that a round was
-    to fill before its audit KINDS times the number of the last such round, and the kind of its leaf.
+    draws (cells,): number of each cell that decides which round audits it. leaf (cells,): for each cell that a round
+    was to fill, KINDS times the number of the last such round plus the kind of its leaf.
     """
 
     evidence: Evidence
@@ -34,33 +34,33 @@ class Tree:
     filled: list[Leaves] = field(init=False, default_factory=list)
     _number: int = field(init=False, default=0)
     _now: Round = field(init=False)
-    _chosen: np.ndarray = field(init=False)  # (cells,): audited when they are to be filled
+    _chosen: np.ndarray = field(init=False)  # (cells,): flags of the cells to audit in this round
 
     def __post_init__(self) -> None:
-        """Check and convert the fields."""
+        """Set the arrays of the first round."""
         self.audit, self.leaf = np.zeros((2, self.blocks.n_cells), np.int8)
         self._now = self.rounds[0]
         self._chosen = self.draws < self._now.drawn
 
     @property
     def blocks(self) -> Blocks:
-        """Blocks of these leaves."""
+        """The blocks of the leaves."""
         return self.evidence.blocks
 
     def grow(self) -> None:
-        """Compute what has to be, round by round; `filled` has the leaves whose other cells can be filled."""
+        """Compute the necessary cells, round by round; `filled` then has the leaves whose other cells can be filled."""
         self._refine([self.blocks.whole()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._now = now  # what it computes whole comes before what it audits
+            self._now = now  # leaves that it computes whole come before cells that it audits
             self._refine(self._judged(self._uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
             self._refine(self._judged(self._holds))
 
     def _refine(self, waiting: list[Leaves]) -> None:
-        """Compute leaves and what is between them.
+        """Compute leaves, and halve them where they are not uniform.
 
-        An orbit that is found late may end in a leaf that was uniform before: then that one is halved too.
+        An orbit that is found late may end in a leaf that was uniform before, which is then halved too.
         """
         while True:
             self._down(waiting)
@@ -68,7 +68,7 @@ class Tree:
                 break
 
     def _judged(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
-        """Keep the filled leaves that are judged so, and return the halves of the others."""
+        """Keep the filled leaves that pass a test, and return the halves of the others."""
         kept, others = list[Leaves](), list[Leaves]()
         for leaves in self.filled:
             same = judge(leaves)
@@ -108,7 +108,7 @@ class Tree:
         return found
 
     def _holds(self, leaves: Leaves) -> np.ndarray:
-        """Audit leaves that are to be filled: whether they are uniform still."""
+        """Audit leaves that are to be filled, and return whether they are still uniform."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         empty = square.inside & ~self.evidence.known[cell]
@@ -124,7 +124,7 @@ class Tree:
         return self._uniform(leaves)
 
     def _note(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Note which cells a round is to fill, in which kind of leaf they are first."""
+        """Record the kind of leaf in which a round first wants to fill each cell."""
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))
         kind = first + CHAOTIC * self.evidence.chaotic(leaves) + leaves.size.bit_length() - 1
@@ -132,7 +132,7 @@ class Tree:
 
 
 def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether one of the curves passes between a cell of the frame and the next one, along δ and along ε."""
+    """Return flags of the frame's cells: whether a curve passes to the next cell along δ, and along ε."""
     rows, columns = blocks.frame
     found = []
     for along in range(2):

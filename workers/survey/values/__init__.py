@@ -1,1 +1,1 @@
-"""Contents of a cell: the registry of variables, and how each follows from an evaluation of the cells."""
+"""Contents of a cell: the registry of variables, and their computation from an evaluation of the cells."""

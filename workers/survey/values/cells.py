@@ -1,4 +1,4 @@
-"""A block of cells of the (δ, ε) plane, and what the model says about it."""
+"""A block of cells of the (δ, ε) plane, with everything that the model computes for it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,22 +17,22 @@ BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells `epsilon` × `delta`; what is asked of them is evaluated once, when first asked for.
+    """The cells `epsilon` × `delta`; each property is evaluated once, when it is first needed.
 
-    No cell knows its block: every value follows from (δ, ε), the model and, for attractors, the sample's count, box and
-    seed, so the same cell holds the same bits in any block.
+    Values do not depend on the block: each follows from (δ, ε), the model and, for attractors, the sample's count, box
+    and seed, so the same cell has the same bits in any block.
     """
 
     delta: np.ndarray  # (n_delta,)
     epsilon: np.ndarray  # (n_epsilon,)
     model: Model
     sample: SampleSpec
-    is_sampled: bool  # whether attractors are asked for
-    slots: int  # attractors that are listed
+    is_sampled: bool  # whether attractors are computed
+    slots: int  # the most attractors that a cell lists
 
     @property
     def count(self) -> int:
-        """Initial conditions per cell, 0 where no attractors are asked for."""
+        """Initial conditions per cell, 0 if no attractors are computed."""
         return self.sample.count if self.is_sampled else 0
 
     @property
@@ -47,7 +47,7 @@ class Cells:
 
     @property
     def source_level(self) -> np.ndarray:
-        """How coarse the computation was that each cell has its values from, 0 where it is its own."""
+        """Level of the computed cells from which each cell was filled, 0 for computed cells."""
         return np.zeros(self.shape, np.int8)
 
     @property
@@ -61,7 +61,7 @@ class Cells:
         return np.zeros(self.shape, np.int8)
 
     def one(self, i: int, j: int) -> "Cells":
-        """Return the cell at (i_epsilon, i_delta), with nothing evaluated."""
+        """Return the cell at (i_epsilon, i_delta), as cells of which nothing is evaluated yet."""
         return replace(self, delta=self.delta[j : j + 1], epsilon=self.epsilon[i : i + 1])
 
     @cached_property
@@ -76,12 +76,12 @@ class Cells:
 
     @cached_property
     def attractors(self) -> rattle.Attractors:
-        """The attractors of all cells, row by row: each cell's are those of the gear at its point, to the bit."""
+        """The attractors of all cells, row by row; to the bit those of `rattle.attractors_of` at each point."""
         return self.model.attractors_of(self.delta, self.epsilon[:, None], self.sample)
 
     @cached_property
     def intensities(self) -> Intensities:
-        """How hard these attractors rattle, row by row."""
+        """The intensities of these attractors, row by row."""
         return self.model.intensities_of(self.delta, self.epsilon[:, None], self.attractors)
 
     @cached_property
@@ -91,19 +91,19 @@ class Cells:
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
-        """Least speeds from which quiet motion is lost, with phases, shapes (n_epsilon, n_delta)."""
+        """Least speeds that end quiet running, with phases, shapes (n_epsilon, n_delta)."""
         return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.model.beta, self.v_max)
 
     @cached_property
     def rests_late(self) -> np.ndarray:
-        """True where quiet motion takes too many impacts to be told from chaos, shape (n_epsilon, n_delta)."""
+        """True where quiet motion takes too many impacts to be distinguished from chaos, shape (n_epsilon, n_delta)."""
         return self.model.rests_late(self.delta, self.epsilon[:, None])
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:
         """Entropy per box of all boxes and of those at boundaries, shape (2, n_epsilon, n_delta).
 
-        NaN where a cell of the (τ, v) plane is undecided, or may be so near the quiet limit.
+        NaN if a cell of the (τ, v) plane is undecided, or could be so near the quiet limit.
         """
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
@@ -125,7 +125,7 @@ class Cells:
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """True where a δ lies inside the robust-chaos interval, which not every β has."""
+        """True for each δ inside the robust-chaos interval; not every β has such an interval."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:

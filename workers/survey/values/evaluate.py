@@ -1,4 +1,4 @@
-"""From a block of cells to the values of one variable."""
+"""Compute the values of a variable from a block of cells."""
 
 from collections.abc import Callable
 
@@ -15,17 +15,17 @@ Evaluate = Callable[[Cells], np.ndarray]
 
 
 def orbits(field: str) -> Evaluate:
-    """Take a field of the orbits A to D: shape (4, …, n_epsilon, n_delta)."""
+    """Return a function for a field of the orbits A to D, shape (4, …, n_epsilon, n_delta)."""
     return lambda cells: getattr(cells.period_one, field)
 
 
 def grazing_orbits(field: str) -> Evaluate:
-    """Take a field of the curves G1 and G2: shape (2, …, n_delta)."""
+    """Return a function for a field of the curves G1 and G2, shape (2, …, n_delta)."""
     return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
 
 
 def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
-    """Put a field of the first attractors of each cell in its slots: shape (slots, n_epsilon, n_delta)."""
+    """Return a function for a field of the first attractors of each cell, shape (slots, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
         return in_slots(cells, getattr(cells.attractors, field), fill, dtype)
@@ -49,17 +49,17 @@ def _slot(cells: Cells) -> np.ndarray:
 
 
 def slot_fraction(cells: Cells) -> np.ndarray:
-    """Share of the sample that each slot wins: shape (slots, n_epsilon, n_delta)."""
+    """Return the basin fraction of each slot, shape (slots, n_epsilon, n_delta)."""
     return slots("samples", "float64")(cells) / cells.count
 
 
 def slot_fraction_upper(cells: Cells) -> np.ndarray:
-    """Upper end of the 95 % Wilson interval of that share: shape (slots, n_epsilon, n_delta)."""
+    """Return the upper end of the 95 % Wilson interval of that fraction, shape (slots, n_epsilon, n_delta)."""
     return in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
 
 
 def unlisted_fraction(cells: Cells) -> np.ndarray:
-    """Share of the sample that attractors beyond the slots win."""
+    """Return the basin fraction of all attractors beyond the slots."""
     return _sum(cells, cells.attractors.samples * (_slot(cells) >= cells.slots)) / cells.count
 
 
@@ -71,22 +71,22 @@ def observed_periods(cells: Cells) -> np.ndarray:
 
 
 def lyapunov(cells: Cells) -> np.ndarray:
-    """Take both exponents of each slot: shape (slots, 2, n_epsilon, n_delta)."""
+    """Return both exponents of each slot, shape (slots, 2, n_epsilon, n_delta)."""
     return np.stack([slots(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
 
 
 def _sum(cells: Cells, weights: np.ndarray) -> np.ndarray:
-    """Add a number of every attractor to its cell: shape (n_epsilon, n_delta)."""
+    """Return the sums over the attractors of each cell, shape (n_epsilon, n_delta)."""
     return np.bincount(cells.attractors.cell, weights, cells.delta.size * cells.epsilon.size).reshape(cells.shape)
 
 
 def attractor_count(cells: Cells) -> np.ndarray:
-    """Count the attractors of each cell, beyond the slots too."""
+    """Return the number of attractors of each cell, including those beyond the slots."""
     return _sum(cells, np.ones(cells.attractors.cell.size))
 
 
 def fraction(kind: str) -> Evaluate:
-    """Add the basin fractions of all attractors of a kind, those beyond the slots too."""
+    """Return a function for the basin fraction of all attractors of a kind, including those beyond the slots."""
 
     def evaluate(cells: Cells) -> np.ndarray:
         found = cells.attractors
@@ -96,7 +96,7 @@ def fraction(kind: str) -> Evaluate:
 
 
 def fraction_error(cells: Cells) -> np.ndarray:
-    """Half the width of the 95 % Wilson interval of the quiet fraction."""
+    """Return half the width of the 95 % Wilson interval of the quiet fraction."""
     low, high = rattle.wilson_interval(np.rint(fraction("quiet")(cells) * cells.count), cells.count)
     return (high - low) / 2
 
@@ -120,14 +120,14 @@ def impulse_balance_error(cells: Cells) -> np.ndarray:
 
 
 def _largest(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the largest value of each cell; NaN, of attractors without exponents, does not count."""
+    """Return the largest value of each cell; NaN, for attractors without exponents, does not count."""
     largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmax.at(largest, cells.attractors.cell, values)
     return largest.reshape(cells.shape)
 
 
 def status(cells: Cells) -> np.ndarray:
-    """Tell cells with undecided samples; a cell that fails never comes here."""
+    """Return the status of cells that did not fail: some samples undecided, or none."""
     if not cells.count:
         return np.full(cells.shape, OK)
     return np.where(fraction("undecided")(cells) > 0, SOME_UNDECIDED, OK)

@@ -1,4 +1,4 @@
-"""The variables of the group `intensity`: how hard each attractor rattles, the sample as a whole, and its worst."""
+"""The variables of the group `intensity`: how hard each attractor, the whole sample, and the worst attractor rattle."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ _MODEL = "equation 2.4 of doi:10.1137/090759641, impact by impact"
 _PER = "per forcing period"
 _LEVEL = "in dB relative to 2π²δ², that of A and C"
 
-#: What is stored of every attractor, of the sample, and of the worst attractor: name, in words.
+#: Fields stored for every attractor, for the sample, and for the worst attractor: name, description.
 _FIELDS = (
     ("impacts_plus", f"impacts on or contacts with Σ+ {_PER}"),
     ("impacts_minus", f"impacts on or contacts with Σ- {_PER}"),
@@ -33,7 +33,7 @@ def _of_attractors(cells: Cells, field: str) -> np.ndarray:
 
 
 def _levels(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    with np.errstate(divide="ignore"):  # what is quiet is at −inf
+    with np.errstate(divide="ignore"):  # the level of quiet running is −inf
         return np.asarray(10.0 * np.log10(energy / natural_energy(delta)))
 
 
@@ -42,7 +42,7 @@ def _slots(field: str) -> Evaluate:
 
 
 def _mean(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the mean over the sample of each cell; NaN where it is not known of a part."""
+    """Return the mean over the sample of each cell; NaN if it is unknown for some samples."""
     won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
     return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
 
@@ -75,7 +75,7 @@ def _of_sample(cells: Cells, field: str) -> np.ndarray:
 
 
 def _worst(field: str) -> Evaluate:
-    """Take it of the attractor with the largest energy, found by the sample or not; NaN where one's is not known."""
+    """Return a function for the attractor with the largest energy, sampled or not; NaN if an energy is unknown."""
 
     def evaluate(cells: Cells) -> np.ndarray:
         cell = cells.attractors.cell

@@ -1,6 +1,6 @@
-"""The registry of what a survey stores: one entry per variable, from which schema, REST enum and docs follow.
+"""The registry of a survey's variables: one entry each, from which schema, REST enum and docs follow.
 
-To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension needs one `Coordinate` besides.
+To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension also needs a `Coordinate`.
 """
 
 from collections.abc import Iterable
@@ -383,7 +383,7 @@ QUANTITIES: tuple[Quantity, ...] = (
 )
 
 
-#: What a survey that is refined has besides, before `status`.
+#: Additional variables of a refined survey, before `status`.
 REFINED: tuple[Quantity, ...] = (
     Quantity(
         "source_level",
@@ -405,7 +405,7 @@ REFINED: tuple[Quantity, ...] = (
         AUDIT,
     ),
 )
-#: The same of one that has to meet a bound.
+#: Additional variables of a survey with a bound.
 BOUNDED: tuple[Quantity, ...] = (
     Quantity(
         "audit_leaf",
@@ -421,7 +421,7 @@ BOUNDED: tuple[Quantity, ...] = (
 
 
 def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
-    """Return the groups of which a model has variables; no tile writes those of families."""
+    """Return the groups of variables that a model has; families are among them, although no tile writes them."""
     in_tiles = {each.group for each in QUANTITIES if each.is_of(model)}
     if has_harmonics:
         in_tiles -= {group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].one_cosine}
@@ -429,12 +429,12 @@ def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
 
 
 def stored(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the variables that a store has of `held`: of complex ones both parts."""
+    """Return the stored variables of these groups: those of `held`, with both parts of complex ones."""
     return tuple(part for quantity in held(groups, model, more) for part in quantity.parts)
 
 
 def held(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, more of them, and `status`."""
+    """Return the variables of these groups that a model has, further ones, and `status`."""
     wanted = {*groups, None}
     *found, status = (each for each in QUANTITIES if each.group in wanted and each.is_of(model))
     return *found, *more, status

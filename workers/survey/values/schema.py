@@ -1,4 +1,4 @@
-"""The words of the registry: groups that a request names, variables, and dimensions."""
+"""Types of the registry: groups that a request names, variables, and dimensions."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,10 +12,10 @@ from rattle.models import MODELS, OTHERS, Capability
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
-FIXED = OTHERS  # coordinates of a whole survey
-#: What only periodic attractors have: of another it is that of any of its states.
+FIXED = OTHERS  # parameters that are coordinates of a whole survey
+#: Variables that describe periodic attractors; those of other attractors belong to an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})
-PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable, each stored as one of its own
+PARTS = {"real": "real part", "imag": "imaginary part"}  # parts of a complex variable, stored separately
 
 
 class Group(StrEnum):
@@ -39,14 +39,14 @@ class RowForm(StrEnum):
     ORBITS = "orbits"
 
 
-#: The groups that need every cell sampled.
+#: The groups that need samples of every cell.
 SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
-#: The groups that a request gets only by name: basins cost several times what all others do, intensities are two dozen
-#: variables that not everybody asks for.
+#: The groups that are computed only on request: basins cost several times as much as all others, and intensities are
+#: two dozen variables that few users need.
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
-#: The groups that another one is made from: a request that names it has these too.
+#: The groups from which another one is made, and which a request for that one includes.
 NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
-#: What a model must have for all variables of a group.
+#: The capability that a model needs for all variables of a group.
 GROUP_NEEDS = {
     Group.REGION: Capability.PERIOD_ONE,
     Group.ORBITS: Capability.PERIOD_ONE,
@@ -66,26 +66,26 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A stored variable: its schema, and how a block of cells gets its values."""
+    """A stored variable: its schema, and the function that computes it for a block of cells."""
 
     name: str
-    group: Group | None  # None: in every survey
+    group: Group | None  # None for variables of every survey
     dims: tuple[str, ...]
     dtype: str
     long_name: str
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    needs: Capability | None = None  # what a model must have for it, beside what its group needs
+    needs: Capability | None = None  # capability that a model needs for it, beside that of its group
 
     @property
     def fill(self) -> int | float | complex | bool:
-        """Value of an entry before it is computed and where the thing does not exist: NaN, False or 0."""
+        """Value of an entry that is not computed, or whose object does not exist: NaN, False or 0."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
     def is_of(self, model: str) -> bool:
-        """Return whether a model has it."""
+        """Return whether a model has the variable."""
         needed = {self.needs, GROUP_NEEDS.get(self.group)} if self.group else {self.needs}
         return (needed - {None}) <= MODELS[model].has
 
@@ -96,7 +96,7 @@ class Quantity:
 
     @property
     def parts(self) -> tuple["Quantity", ...]:
-        """Stored parts: itself, or both parts of complex numbers, which few readers know."""
+        """Stored parts: the variable itself, or both parts of complex numbers, which few readers know."""
         if np.dtype(self.dtype).kind != "c":
             return (self,)
         return tuple(
@@ -120,7 +120,7 @@ class Quantity:
 
 
 def is_phase(name: str) -> bool:
-    """Return whether a variable is a phase, of which 0.99 and 0.01 are neighbours."""
+    """Return whether a variable is a phase, on a circle where 0.99 and 0.01 are close."""
     return name.endswith("_phase")
 
 

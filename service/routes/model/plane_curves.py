@@ -1,4 +1,4 @@
-"""The curves that divide the (δ, ε) plane of one half-backlash, computed at once."""
+"""The bifurcation curves of the (δ, ε) plane of one half-backlash."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class CurveDocument(BaseModel):
 
 
 class Tangency(BaseModel):
-    """How two curves meet at a point."""
+    """The way in which two curves meet at a point."""
 
     curves: tuple[str, str]
     order: float | None = Field(
@@ -113,7 +113,7 @@ async def curves(
     harmonic: Harmonics = (),
     **added: float | None,
 ) -> Curves:
-    """Return a curve that does not cross the window has no points."""
+    """Return the bifurcation curves in a window; a curve that does not cross the window has no points."""
     window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
     for name, (low, high) in window.items():
         if not low < high:

@@ -1,8 +1,7 @@
 """The wheel as users install it: built, put into clean environments outside the checkout, and used (`inside.py`).
 
-For every Python of ``PYTHONS`` that is installed: the newest release of every dependency, and the lowest of those that
-pyproject.toml names; or one of these (`check.py lowest`). Takes uv, which has what it needs from its cache after the
-first time.
+It uses, for every Python of ``PYTHONS`` that is installed, the newest release of every dependency and the lowest that
+pyproject.toml names, or one of these (`check_wheel.py lowest`). It needs uv, which keeps what it downloads in cache.
 """
 
 from __future__ import annotations
@@ -116,7 +115,7 @@ class Environment:
                 raise FailedError(f"{requirement.name} {found} was installed as the lowest, not {bound}")
 
     def _run(self, *command: str) -> str:
-        """What a command of this environment prints, which knows nothing of the checkout or of other environments."""
+        """Return the output of a command in this environment, without the checkout or other environments."""
         home = self.where / "home"
         home.mkdir(parents=True, exist_ok=True)
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "RATTLE_", "VIRT"))}
@@ -143,7 +142,7 @@ class Environment:
 
 
 def interpreters() -> dict[str, Path]:
-    """Where each Python is that runs here; a shim of pyenv may be there for one that does not."""
+    """Return the path of each Python that runs here; a shim of pyenv may exist without one."""
     found: dict[str, Path] = {}
     for version in PYTHONS:
         for candidate in _candidates(version):

@@ -1,4 +1,4 @@
-"""Basins of attraction of one parameter point, as a picture."""
+"""Draw the basins of attraction of one parameter point."""
 
 from __future__ import annotations
 
@@ -43,9 +43,10 @@ async def basins(
         float | None, Query(gt=0, allow_inf_nan=False, description="largest speed; by default as in the paper")
     ] = None,
 ) -> Response:
-    """Draw the basins of a point, or of a machine in SI units; speeds are the model's.
+    """Draw the basins of a point, or of a machine in SI units, over phases and the model's speeds.
 
-    Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model).
+    Each cell is followed on its own, as in Figure 4 of the paper; the white line is the grazing curve Γ (impacting
+    model).
     """
     speeds = v_min, highest_speed(place.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
@@ -69,7 +70,7 @@ async def basins(
 
 
 def highest_speed(gear: AnyGear) -> float:
-    """Return the end of the plane of states that is shown by default."""
+    """Return the upper end of the speeds that are shown by default."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 

@@ -1,4 +1,4 @@
-"""Surveys, their tiles and their events."""
+"""Rows of surveys, their tiles and their events, and the transactions on them."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from gear_rattle.service.database.tables import (
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
-CHUNK = 500  # values in one IN (…)
+CHUNK = 500  # the most values in one IN (…)
 BEING_DELETED = "being deleted"
 WAITS_FOR_TURN = "waits for its turn: "
 WAITS = JobRow.message.startswith(WAITS_FOR_TURN)
-#: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
+#: Literal, so that planners use the index ix_jobs_active, however many surveys have ended.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
 
 
 class Active(NamedTuple):
-    """A survey that waits or runs: the id of the key that submitted it, if one did, and the cells that it has left."""
+    """An active survey: the id of the key that submitted it, if any, and its remaining cells."""
 
     id: str
     owner: str | None
@@ -44,7 +44,7 @@ class Active(NamedTuple):
 
 @dataclass(frozen=True)
 class DoneTile:
-    """A tile that has been written to the store; ``failures`` explains the first of its ``failed`` cells."""
+    """A tile that is written to the store; ``failures`` explains the first of its ``failed`` cells."""
 
     index: int
     cells: int
@@ -54,32 +54,32 @@ class DoneTile:
 
 
 class Surveys(Transactions):
-    """The surveys of a job database."""
+    """The surveys of a job database; every method is one transaction."""
 
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
-        """Add a survey, or find the one answered with before under the same idempotency key, or one that is the same.
+        """Add a survey, or find the one with the same idempotency key, or an identical one.
 
         Parameters
         ----------
         has_results : Callable[[str], bool] | None
-            Whether the store of a successful survey is still there. Without it none is the same: a survey is computed
-            although it was computed before.
+            Whether the store of a successful survey still exists. Without it no survey counts as identical: the survey
+            is computed again.
 
         Returns
         -------
         JobRow
-            Row of the survey.
+            The new or the existing survey.
 
         Raises
         ------
         ConflictError
             The key was used for another body.
+        UnauthorizedError
+            The owner's key was revoked.
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         QuotaError
-            With it, the owner's surveys would hold more cells than its key allows.
-        UnauthorizedError
-            The owner's key was revoked.
+            With this survey the owner would have more cells than its key allows.
         """
         with self._write() as (session, service):
             known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
@@ -100,17 +100,15 @@ class Surveys(Transactions):
     def job(self, survey_id: str, kind: JobKind | None = None) -> JobRow:
         """Return the survey or population with this id.
 
-        UnknownSurveyError if there is none, or it is not of this kind.
-
         Returns
         -------
         JobRow
-            Row of the job.
+            A copy, detached from the database.
 
         Raises
         ------
         UnknownSurveyError
-            If there is none, or it is not of this kind.
+            There is none, or it is not of this kind.
         """
         with self._read() as session:
             job = _find(session, survey_id)
@@ -121,7 +119,7 @@ class Surveys(Transactions):
     def jobs(
         self, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
     ) -> tuple[Sequence[JobRow], int]:
-        """Surveys, newest first, from those with a number below ``before``; and how many there are in all."""
+        """Return surveys with a number below ``before``, newest first, and the number of all."""
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
@@ -131,7 +129,7 @@ class Surveys(Transactions):
             return session.scalars(newest_first).all(), total
 
     def known(self, survey_ids: Collection[str]) -> set[str]:
-        """Return those of the ids that are surveys."""
+        """Return the ids that belong to surveys."""
         ids, found = sorted(survey_ids), set[str]()
         with self._read() as session:
             for start in range(0, len(ids), CHUNK):
@@ -139,14 +137,14 @@ class Surveys(Transactions):
         return found
 
     def active(self) -> list[Active]:
-        """Return the surveys that wait or run, or were interrupted, oldest first."""
+        """Return the surveys that wait or run, including interrupted ones, oldest first."""
         left = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
             return [Active(*row) for row in found]
 
     def give_turn(self, survey_id: str) -> None:
-        """Say of this survey no longer that it waits for its turn, and of the others which one they wait for."""
+        """Set the messages at the begin of a turn: the other surveys wait for this one."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return
@@ -157,19 +155,19 @@ class Surveys(Transactions):
         self._on_change(survey_id)
 
     def running(self) -> list[tuple[str, str]]:
-        """Ids and content hashes of the surveys that run, or ran when the service ended."""
+        """Return ids and content hashes of the surveys that run, or ran when the service ended."""
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
             return [(survey_id, content_hash) for survey_id, content_hash in found]
 
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
-        """Note what a survey computes that began under another version than it was accepted under."""
+        """Store the content hash of a survey that another version accepted than began it."""
         with self._write() as (session, _):
             if job := _find_active(session, survey_id):
                 job.content_hash = content_hash
 
     def totals(self) -> dict[State, tuple[int, int, int]]:
-        """Surveys in each state, their tiles, and those of them that are done."""
+        """Return for each state the numbers of surveys, of their tiles, and of their finished tiles."""
         numbers = func.count(), func.sum(JobRow.n_tiles), func.sum(JobRow.tiles_done)
         with self._read() as session:
             found = session.execute(select(JobRow.state, *numbers).group_by(JobRow.state))
@@ -181,7 +179,7 @@ class Surveys(Transactions):
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
-        """Move a survey on. False, and no change, if it already is in a final state or gone."""
+        """Change the state of an active survey. Return False, without a change, if it has ended or is gone."""
         with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
@@ -196,7 +194,7 @@ class Surveys(Transactions):
         return True
 
     def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
-        """Give a survey another name or other notes; None leaves them."""
+        """Give a survey another name or other notes; None leaves one unchanged."""
         with self._write() as (session, _):
             job = _find(session, survey_id)
             job.name = job.name if name is None else _storable(name)
@@ -205,24 +203,24 @@ class Surveys(Transactions):
         return job
 
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Let a survey that has ended wait again; its tiles stay noted.
+        """Queue an ended survey again; its recorded tiles are kept.
 
         Parameters
         ----------
         owner : str | None
-            Id of the API key that asks, whose quotas count; None without a key.
+            Id of the API key that requests it, whose quotas count; None without a key.
 
         Returns
         -------
         JobRow
-            Row of the survey.
+            The queued survey.
 
         Raises
         ------
-        ConflictError
-            It waits or runs, or is being deleted.
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+        ConflictError
+            The survey is active, or is being deleted.
         """
         with self._write() as (session, _):
             job = _find(session, survey_id)
@@ -237,7 +235,7 @@ class Surveys(Transactions):
         return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
-        """Note that a tile has been written; nothing if the survey was dismissed or deleted meanwhile."""
+        """Record a written tile; do nothing if the survey was dismissed or deleted meanwhile."""
         with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
@@ -251,30 +249,30 @@ class Surveys(Transactions):
         self._on_change(survey_id)
 
     def tiles_done(self, survey_id: str) -> set[int]:
-        """Return the indices of the tiles that have been noted as written."""
+        """Return the indices of the tiles that are recorded as written."""
         with self._read() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
     def has_tile(self, survey_id: str, index: int) -> bool:
-        """Return whether this tile has been noted as written."""
+        """Return whether a tile is recorded as written."""
         with self._read() as session:
             return session.get(TileRow, (_number(session, survey_id), index)) is not None
 
     def tile_seconds(self, survey_id: str) -> float:
-        """Seconds that the tiles of a survey took, each in its process."""
+        """Return the sum of the times of a survey's tiles, each measured in its process."""
         with self._read() as session:
             total = select(func.sum(TileRow.seconds)).where(TileRow.job == _number(session, survey_id))
             return session.scalar(total) or 0.0
 
     def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
-        """Forget every tile that is not in ``kept``: its chunks have been lost.
+        """Delete the records of all tiles that are not in ``kept``, because their chunks are lost.
 
         Subscribers are notified before the counts fall.
 
         Returns
         -------
         int
-            Number of forgotten tiles.
+            Number of deleted records.
         """
         with self._write() as (session, _):
             number = _number(session, survey_id)
@@ -311,12 +309,12 @@ class Surveys(Transactions):
             return session.scalars(later.order_by(EventRow.id).limit(limit)).all()
 
     def begin_deletion(self, survey_id: str) -> None:
-        """Dismiss a survey that has ended, because its store is about to go.
+        """Dismiss an ended survey, whose store is about to be deleted.
 
         Raises
         ------
         ConflictError
-            It has not ended.
+            The survey has not ended.
         """
         with self._write() as (session, _):
             job = _find_ended(session, survey_id)
@@ -325,18 +323,18 @@ class Surveys(Transactions):
         self._on_change(survey_id)
 
     def being_deleted(self) -> list[str]:
-        """Ids of the surveys whose deletion was begun."""
+        """Return the ids of surveys whose deletion has begun."""
         with self._read() as session:
             begun = JobRow.state == State.DISMISSED, JobRow.message == BEING_DELETED
             return list(session.scalars(select(JobRow.id).where(*begun)))
 
     def delete(self, survey_id: str) -> None:
-        """Remove a survey that has ended, with its tiles and events.
+        """Delete an ended survey, with its tiles and events.
 
         Raises
         ------
         ConflictError
-            It has not ended.
+            The survey has not ended.
         """
         with self._write() as (session, service):
             job = _find_ended(session, survey_id)
@@ -406,7 +404,7 @@ def _waits_for(job: JobRow) -> str:
 
 
 def _storable(value: str) -> str:
-    """Return the text without the characters that PostgreSQL cannot hold: NUL, and surrogates without a partner."""
+    """Return the text without characters that PostgreSQL cannot store: NUL, and unpaired surrogates."""
     return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 
