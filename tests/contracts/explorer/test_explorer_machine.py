@@ -115,7 +115,7 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
         select.value = True
         assert machine.visible
         assert not plain.visible
-        fields = {each.label: each for row in machine for each in row if hasattr(each, "label")}
+        fields = {each.label: each for each in machine.select(pn.widgets.FloatInput)}
         fields["Base radius, mm"].value = None
         show.clicks += 1
         assert "needs radius too" in said.object.text
@@ -145,7 +145,7 @@ def test_fields_of_a_machine_give_what_the_library_takes() -> None:
     fields = MachineFields(POINT, "")
     said = [pane.object for pane in fields.panel.select(pn.pane.HTML)]
     assert any("those of the first gear" in text for text in said)
-    entered = {each.label: each for each in fields.widgets}
+    entered = {each.label: each for each in fields.panel.select(pn.widgets.FloatInput)}
     for label, value in {
         "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,
         "Teeth 2": 40, "Inertia 2, kg m²": 0.01, "Drag 2, N m s/rad": 6e-4,
