@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.families.view import FamiliesView
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import asset, tour
 from gear_rattle.service.explorer.further.maps import FurtherMaps
 from gear_rattle.service.explorer.map.shared import Shared, shown_first
 from gear_rattle.service.explorer.map.view import MapView
@@ -104,6 +104,7 @@ class Page:
             "theme": theme,
             "other_theme": "Light" if theme == "dark" else "Dark",
             "signed_in": self._viewer.signed_in,
+            "tour": tour(),
         }.items():
             template.add_variable(name, value)
         further = dict(zip(FURTHER, self._further.places, strict=True))
