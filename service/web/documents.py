@@ -56,12 +56,18 @@ def _pages_of(directory: Path) -> Router:
 
 def document_page(document: Path) -> str:
     """Return a document as an HTML page."""
+    text = document.read_text(encoding="utf-8")
+    title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")
+    return PAGE.format(title=escape(title), root=public_path(""), body=document_body(document))
+
+
+def document_body(document: Path) -> str:
+    """Return a document as HTML, without a page around it."""
 
     def linked(tree: re.Match[str]) -> str:
         names = (name for name in tree[2].split() if (document.parent / f"{name}.md").is_file())
         return f"## {tree[1]}\n\n" + "".join(f"- [{name}]({name}.md)\n" for name in names)
 
     text = TOCTREE.sub(linked, document.read_text(encoding="utf-8"))
-    title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")
     markdown = MarkdownIt("commonmark").enable("table").use(front_matter_plugin).use(anchors_plugin, max_level=4)
-    return PAGE.format(title=escape(title), root=public_path(""), body=markdown.render(text))
+    return str(markdown.render(text))

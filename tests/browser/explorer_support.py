@@ -71,6 +71,14 @@ def open_view(page: Page, url: str, **query: str) -> None:
     wait_for_map(page, "renderers.some((each) => each.name?.startsWith('cells') && each.data_source.data.image.length)")
 
 
+def open_form(page: Page, plane: str = "own ranges of δ and ε") -> None:
+    """Open the form of a new survey over this plane, with its advanced settings."""
+    page.get_by_role("button", name="New survey", exact=True).click()
+    page.get_by_label("Plane", exact=True).select_option(label=plane)
+    page.get_by_role("button", name="Advanced settings").click()
+    page.get_by_label("Initial conditions").wait_for()
+
+
 def wait_for(page: Page, asked: str) -> None:
     """Wait until a function of JavaScript is true. Not asked at every frame: a browser under load may paint none."""
     page.wait_for_function(asked, polling=POLL_MS)

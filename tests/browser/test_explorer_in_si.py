@@ -3,7 +3,7 @@
 import httpx
 import pytest
 from depth import deep
-from explorer_support import of_map, open_view, wait_for, wait_for_map
+from explorer_support import of_map, open_form, open_view, wait_for, wait_for_map
 from playwright.sync_api import Page, expect
 from service_processes import get
 from waiting import HANG, wait_until
@@ -22,14 +22,12 @@ def field(page: Page, label: str, value: str) -> None:
 @deep
 def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey", exact=True).click()
-    page.get_by_label("Axes", exact=True).select_option(label="a machine: rpm, µm")
+    open_form(page, "a machine: rpm, µm")
     field(page, "Name", "in SI")
     for label, value in {"rpm from": "1500", "Drag, N m s/rad": "0.05", "Initial conditions": "1"}.items():
         field(page, label, value)
-    for values in page.get_by_label("values", exact=True).all():
-        values.fill("4")
-        values.press("Enter")
+    for label in ("rpm values", "µm values"):
+        field(page, label, "4")
     for name in ("attractors", "lyapunov", "grazing", "orbits"):
         page.get_by_role("checkbox", name=name, exact=True).uncheck()
     expect(page.get_by_text("16 cells, about")).to_be_visible()
@@ -44,7 +42,7 @@ def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: P
     wait_for_map(page, "above[0].visible")
     ticks = "() => { const view = Bokeh.index.find_one(Bokeh.documents.map((each) => each.get_model_by_name('rpm'))" \
         ".find((each) => each)); const [at] = view?.tick_coords.major ?? [[]]; " \
-        "return at.length > 1 && at.every((each, k) => !k || each > at[k - 1]) }"  # fmt: skip
+        "return at.length > 1 && at.every((each, k) => !k || each < at[k - 1]) }"  # fmt: skip
     wait_for(page, ticks)
     httpx.delete(service + listed["links"]["self"], timeout=HANG)
 

@@ -4,7 +4,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
-from explorer_support import of_map, open_view
+from explorer_support import of_map, open_form, open_view
 from playwright.sync_api import Page, expect
 from service_processes import get
 from waiting import HANG, wait_until
@@ -78,7 +78,7 @@ def test_a_link_keeps_harmonics_and_a_machine_s_errors(page: Page, service: str)
 
 def test_a_survey_with_harmonics_is_submitted_and_asks_its_points_with_them(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey", exact=True).click()
+    open_form(page)
     page.get_by_label("Model", exact=True).select_option(label="inelastic impacts")
     field = page.get_by_label("Harmonics, ORDER:AMPLITUDE:PHASE")
     field.fill("20:0.0033")

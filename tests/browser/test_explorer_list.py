@@ -58,7 +58,8 @@ def test_a_survey_gets_a_name_and_notes_and_its_settings_are_refined(page: Page,
     shown = get(service + here).json()
     assert (shown["name"], shown["notes"]) == ("of the drawing", "agrees with Figure 7\nsee the <b>minutes</b>")
     page.get_by_role("button", name="Use its settings").click()
-    page.get_by_role("checkbox", name="Adaptive refinement").check()
+    page.get_by_role("button", name="Advanced settings").click()
+    page.get_by_label("Cells", exact=True).select_option("adaptive refinement")
     expect(page.get_by_label("Share of filled cells that is checked")).to_have_value("0.02")
     expect(
         page.get_by_text("if all cells were computed").or_(page.get_by_text("cells of the same kind"))

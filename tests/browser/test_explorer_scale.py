@@ -10,7 +10,7 @@ MAPPER = "renderers.find((each) => each.name === 'cells{:d}').glyph.color_mapper
 #: Of the colour bar that is shown: the room beside it, how wide its longest number would be there, some numbers.
 BAR = """() => {
     const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
-    const bar = map.right.find((each) => each.visible), plot = Bokeh.index.find_one(map)
+    const bar = map.right.find((each) => each.color_mapper && each.visible), plot = Bokeh.index.find_one(map)
     const view = plot.computed_renderer_views.find((each) => each.model === bar)
     const ink = document.createElement("canvas").getContext("2d")
     ink.font = `${bar.major_label_text_font_size} ${bar.major_label_text_font}`

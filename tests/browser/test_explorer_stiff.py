@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from depth import deep
-from explorer_support import click_cell, of_map, open_view, point_at
+from explorer_support import click_cell, of_map, open_form, open_view, point_at
 from playwright.sync_api import Page, expect
 from service_processes import get
 from waiting import wait_until
@@ -27,7 +27,7 @@ def sn1_at(page: Page, delta: float) -> float:
 @deep
 def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str) -> None:
     open_view(page, service)
-    page.get_by_role("button", name="New survey", exact=True).click()
+    open_form(page)
     expect(page.get_by_label("Stiffness κ")).to_be_hidden()
     page.get_by_label("Name", exact=True).fill("stiff")
     page.get_by_label("Model").select_option("stiff walls")

@@ -1,7 +1,7 @@
 """What a service says of itself: its REST calls and its documents, in a browser that reaches no other host."""
 
 import pytest
-from explorer_support import visiting
+from explorer_support import assert_accessible, open_view, visiting
 from playwright.sync_api import Browser, expect
 
 
@@ -26,11 +26,22 @@ def test_the_reference_is_there_without_any_other_host(browser: Browser, service
         page.wait_for_load_state("networkidle")
 
 
-def test_the_page_leads_to_its_help(browser: Browser, service: str) -> None:
+def test_help_is_a_drawer_that_leads_to_all_documents(browser: Browser, service: str) -> None:
     with visiting(browser, service) as context:
         page = context.new_page()
-        page.goto(service)
-        page.get_by_role("link", name="Help").click()
+        open_view(page, service)
+        drawer = page.get_by_role("dialog", name="Help")
+        for shut in ("Escape", "Close"):
+            page.get_by_role("button", name="Help", exact=True).click()
+            expect(drawer.get_by_role("heading", name="What is good")).to_be_visible()
+            assert_accessible(page)
+            if shut == "Escape":
+                page.keyboard.press(shut)
+            else:
+                drawer.get_by_role("button", name=shut).click()
+            expect(drawer).to_be_hidden()
+        page.get_by_role("button", name="Help", exact=True).click()
+        drawer.get_by_role("link", name="All documents").click()
         expect(page.get_by_role("heading", name="gear-rattle")).to_be_visible()
         page.get_by_role("link", name="explorer").first.click()
         expect(page.get_by_role("heading", name="The explorer")).to_be_visible()

@@ -49,7 +49,7 @@ export function render({model}) {
         model.chosen = box.checked ? [...kept, each.name] : kept
       })
       box.addEventListener("focus", () => {
-        meaning.hidden = !box.matches(":focus-visible")
+        meaning.hidden = !box.matches(":focus-visible") && matchMedia("(hover: hover)").matches
         meaning.textContent = `${each.label}: ${each.meaning}`
       })
       box.addEventListener("blur", () => { meaning.hidden = true })

@@ -15,4 +15,5 @@ if (inverse && high > 4 * low) {
   for (let k = Math.ceil(low / step); k * step <= high; k += 1) rounded.push(k * step)
 }
 const inside = rounded.filter((each) => each >= low && each <= high)
-return inside.map((each) => inverse ? scale / each : each / scale).sort((one, other) => one - other)  // as labels are kept apart
+return inside.map((each) => inverse ? scale / each : each / scale)
+  .sort((one, other) => cb_data.range.start > cb_data.range.end ? other - one : one - other)  // from the left: labels are kept apart

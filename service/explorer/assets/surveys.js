@@ -132,10 +132,12 @@ export function render({model}) {
   const kept = new Map()  // rows by the id of their survey
   let shown = ""
 
-  let drawn = ""
+  let drawn = "", chosen = model.chosen
   const state = () => JSON.stringify([model.rows, model.chosen, model.ready])
   function draw() {
     drawn = state()
+    if (chosen && model.chosen !== chosen) root.dispatchEvent(new Event("chosen", {bubbles: true, composed: true}))
+    chosen = model.chosen
     const wanted = search.value.trim().toLowerCase()
     const told = (row) => [row.name, row.notes, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
     const rows = model.rows.filter((row) => told(row).includes(wanted))

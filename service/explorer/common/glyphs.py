@@ -25,6 +25,8 @@ from gear_rattle.workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLE
 from rattle.plot import STYLES
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
+#: Text and baseline of the mark at an end of a bar of colours.
+ENDS = {"left": ("◀", "middle"), "right": ("▶", "middle"), "bottom": ("▼", "top"), "top": ("▲", "bottom")}
 CLEAR = "#00000000"
 VEIL = f"{round(COVERED * 0xFF):02x}"
 ELLIPSE = "#d40078"
@@ -105,18 +107,34 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
     return found
 
 
-def beyond_marks(ink: str) -> tuple[Any, Any]:
+def beyond_marks(ink: str) -> list[Any]:
     """Return marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
-    return _at_bar("▼", "bottom", -BAR_PADDING, "top", ink), _at_bar("▲", "top", BAR_PADDING, "bottom", ink)
+    style: dict[str, Any] = {"text_font_size": "11px", "text_align": "center", "text_color": ink}
+    return [Label(x=0, y=0, text="", visible=False, **style) for _ in range(2)]
 
 
-def _at_bar(text: str, edge: Any, offset: int, baseline: Any, ink: str) -> Any:
-    x: Any = Node(target="frame", symbol="right", offset=BAR_PADDING + BAR_WIDTH // 2 + 1)
-    y: Any = Node(target="frame", symbol=edge, offset=offset)
-    return Label(
-        x=x, y=y, text=text, text_font_size="11px", text_align="center", text_baseline=baseline, text_color=ink,
-        visible=False,
-    )  # fmt: skip
+def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
+    """Move the bars of colours, of which one is visible at a time, to the right of a map or below it."""
+    for bar in bars:
+        bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
+    right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
+    if is_below:  # for a moment in both: a bar that is in neither would lose its view
+        plot.below = [*below, *bars]
+        plot.right = right
+    else:
+        plot.right = [*right, *bars]
+        plot.below = below
+
+
+def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
+    """Place the marks at the lower and the upper end of a bar of colours."""
+    across: Any = Node(target=bar, symbol="top" if is_below else "left", offset=BAR_PADDING + BAR_WIDTH // 2)
+    for mark, edge, offset in zip(
+        marks, ("left", "right") if is_below else ("bottom", "top"), (-BAR_PADDING, BAR_PADDING), strict=True
+    ):
+        end: Any = Node(target="frame", symbol=edge, offset=offset)
+        x, y = (end, across) if is_below else (across, end)
+        mark.update(x=x, y=y, text=ENDS[edge][0], text_baseline=ENDS[edge][1])
 
 
 def line(source: ColumnDataSource, name: str) -> list[Any]:

@@ -1,6 +1,6 @@
 """Axes of the map: tick labels for any width, down to 1e-9 and below.
 
-Of a machine's survey speeds and eccentricities beside them.
+A machine's survey has its speed and eccentricity as axes, and δ and ε beside them.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bokeh.models import CustomJS, CustomJSTicker, CustomJSTickFormatter, LinearAxis, NoOverlap, Range1d
+from bokeh.models import CustomJS, CustomJSTicker, CustomJSTickFormatter, LinearAxis, NoOverlap
 from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common.address import Pair
@@ -22,51 +22,68 @@ NARROW = 1e-5  # of the values: narrower windows have an offset
 NARROWEST = 1e-13
 
 
-def dress(plot: figure) -> None:
-    """Give the axes of a map their labels and ticks."""
-    axes: Any = plot.below[0], plot.left[0]
-    for axis, span, name in zip(axes, (plot.x_range, plot.y_range), NAMES, strict=True):
-        axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
-        axis.major_label_policy = NoOverlap()  # on a telephone those of small dampings would lie over each other
-        naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
-        span.js_on_change("start", naming)
-        span.js_on_change("end", naming)
+class MapAxes:
+    """Axes of a map: δ and ε, or of a machine its speed and eccentricity, with δ and ε above and on the right.
 
+    Damping falls as speed rises, so δ runs to the left there. With `is_follower` another map decides that.
+    """
 
-class AxesInSI:
-    """Axes above the map and on its right, of speed and of eccentricity; hidden without a machine."""
-
-    def __init__(self, plot: figure) -> None:
-        self._axes: dict[str, Any] = {}
-        sides: tuple[tuple[str, Any], ...] = (("rpm", "above"), ("eccentricity", "right"))
-        for name, side in sides:
+    def __init__(self, plot: figure, is_follower: bool) -> None:
+        self._spans: tuple[Any, Any] = (plot.x_range, plot.y_range)
+        self._is_follower = is_follower
+        own: tuple[Any, Any] = (plot.below[0], plot.left[0])
+        self._own, self._second = own, (LinearAxis(visible=False), LinearAxis(visible=False))
+        self._machine: dict[str, Any] = {}
+        sides: tuple[Any, ...] = ("below", "left", "above", "right")
+        for name, side in zip(("rpm", "eccentricity"), sides, strict=False):
             label = NUMBERS[name].label.lower()
             axis: Any = LinearAxis(axis_label=label, visible=False, name=name, major_label_policy=NoOverlap())
             axis.ticker = CustomJSTicker(major_code=asset("si_ticks.js"))
             axis.formatter = CustomJSTickFormatter(code=ROUND)
             plot.add_layout(axis, side)
-            self._axes[name] = axis
+            self._machine[name] = axis
+        for axis, side in zip(self._second, sides[2:], strict=True):
+            plot.add_layout(axis, side)
+        for pair in (self._own, self._second):
+            for axis, span, name in zip(pair, self._spans, NAMES, strict=True):
+                axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
+                axis.major_label_policy = (
+                    NoOverlap()
+                )  # on a telephone those of small dampings would lie over each other
+                naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
+                span.js_on_change("start", naming)
+                span.js_on_change("end", naming)
         self.show(None)
 
     def show(self, machine: SurveyedMachine | None) -> None:
-        """Show the axes of a machine, or none."""
+        """Show the axes of a machine, or those of the model."""
         scales = {"rpm": 1.0, "eccentricity": 1.0}
         if machine is not None:
             scales = {
                 "rpm": machine.rpm(1.0),
                 "eccentricity": NUMBERS["eccentricity"].per * machine.eccentricity(1.0),
             }
-        for name, axis in self._axes.items():
+        for name, axis in self._machine.items():
             arguments: Any = {"scale": float(scales[name]), "inverse": name == "rpm"}
             axis.ticker.args = axis.formatter.args = arguments
+        for axis in self._own:
+            axis.visible = machine is None
+        for axis in (*self._machine.values(), *self._second):
             axis.visible = machine is not None
+        span = self._spans[0]
+        if not self._is_follower and (span.start > span.end) != (machine is not None):
+            span.update(start=span.end, end=span.start)
 
-
-def show_axes(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:
-    """Set a window, and the label of its axis."""
-    span.update(start=window[0], end=window[1])
-    offset = offset_of(window)
-    axis.axis_label = name if offset is None else f"{name} − {offset[0]!r}, in units of 1e{offset[1]}"
+    def window(self, *window: Pair) -> None:
+        """Set the window, and the labels of δ and ε."""
+        for pair, span, name, (low, high) in zip(
+            zip(self._own, self._second, strict=True), self._spans, NAMES, window, strict=True
+        ):
+            start, end = (high, low) if span.start > span.end else (low, high)
+            span.update(start=start, end=end)
+            offset = offset_of((low, high))
+            for axis in pair:
+                axis.axis_label = name if offset is None else f"{name} − {offset[0]!r}, in units of 1e{offset[1]}"
 
 
 def offset_of(window: Pair) -> tuple[float, int] | None:
@@ -83,3 +100,8 @@ def written(value: float, window: Pair) -> str:
     """Return a coordinate with the digits that tell points of this window apart on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"
+
+
+def in_revolutions(text: str) -> str:
+    """Return a text about a machine, whose forcing period is a revolution."""
+    return text.replace("forcing period", "revolution").replace("watched periods", "watched revolutions")

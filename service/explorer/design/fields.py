@@ -21,8 +21,8 @@ EXACT = "0[.][0000000000000000]"
 class NumberEntry(NamedTuple):
     """How a number of a machine is entered.
 
-    Its name, its unit, how many of it the SI unit is, the first value of its field (None: it may be left out), and
-    whether it is a number of things.
+    Its name, its unit, how many of it the SI unit is, the first value of its field (None: it may be left out),
+    whether it is a number of things, and its tooltip.
     """
 
     name: str
@@ -30,6 +30,7 @@ class NumberEntry(NamedTuple):
     per: float
     first: float | None
     is_count: bool = False
+    about: str = ""
 
     @property
     def label(self) -> str:
@@ -47,6 +48,7 @@ class NumberEntry(NamedTuple):
         return int(value) if self.is_count and float(value).is_integer() else value / self.per
 
 
+LIKE_FIRST = "Of the second gear; where it is empty, that of the first gear."
 NUMBERS = {
     "inertia": NumberEntry("Inertia", "kg m²", 1.0, 0.003),
     "drag": NumberEntry("Drag", "N m s/rad", 1.0, 5e-4),
@@ -60,12 +62,12 @@ NUMBERS = {
     "mesh_error": NumberEntry("Mesh error", "µm", 1e6, None),
     "mesh_error_2": NumberEntry("Mesh error, order 2", "µm", 1e6, None),
     "mesh_error_3": NumberEntry("Mesh error, order 3", "µm", 1e6, None),
-    "teeth": NumberEntry("Teeth", "", 1.0, None, is_count=True),
-    "driven_teeth": NumberEntry("Teeth 2", "", 1.0, None, is_count=True),
-    "driven_inertia": NumberEntry("Inertia 2", "kg m²", 1.0, None),
-    "driven_drag": NumberEntry("Drag 2", "N m s/rad", 1.0, None),
-    "driven_radius": NumberEntry("Base radius 2", "mm", 1e3, None),
-    "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None),
+    "teeth": NumberEntry("Teeth", "", 1.0, None, True, "Number of teeth of the first gear; it gives the ratio."),
+    "driven_teeth": NumberEntry("Teeth 2", "", 1.0, None, True, LIKE_FIRST),
+    "driven_inertia": NumberEntry("Inertia 2", "kg m²", 1.0, None, about=LIKE_FIRST),
+    "driven_drag": NumberEntry("Drag 2", "N m s/rad", 1.0, None, about=LIKE_FIRST),
+    "driven_radius": NumberEntry("Base radius 2", "mm", 1e3, None, about=LIKE_FIRST),
+    "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None, about=LIKE_FIRST),
 }
 ABOUT = (
     "<p class=faint>Inertia, drag and base radius are those of the first gear. Fields with a 2 are of the second gear, "
@@ -131,23 +133,30 @@ def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Mac
     return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
+def _in_rows(widgets: list[Any], *above: Any) -> pn.Column:
+    rows = (pn.Row(*widgets[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(widgets), 2))
+    return pn.Column(*above, *rows, sizing_mode="stretch_width", margin=0)
+
+
 class MachineFields:
-    """Fields for these numbers, two in a row, and for what drives the pair."""
+    """Fields for these numbers, two in a row, and for what drives the pair: `needed` ones and `optional` ones."""
 
     def __init__(self, names: Iterable[str], sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
         self._numbers = {
-            name: pn.widgets.FloatInput(label=each.label, value=each.first, start=0.0, format=EXACT, **style)
+            name: pn.widgets.FloatInput(
+                label=each.label, value=each.first, start=0.0, format=EXACT, description=each.about or None, **style
+            )
             for name in names
             for each in (NUMBERS[name],)
         }
         options = {"by a constant torque": "torque", "at an imposed speed": "speed"}
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
-        each = [*self._numbers.values(), self._drive]
-        self.widgets: list[Any] = each
-        rows = (pn.Row(*each[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(each), 2))
+        needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
-        self.panel = pn.Column(about, *rows, sizing_mode="stretch_width", margin=0)
+        self.needed = _in_rows([*needed, self._drive])
+        self.optional = _in_rows([each for each in self._numbers.values() if each not in needed], about)
+        self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
         """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are omitted."""

@@ -44,7 +44,9 @@ class GoTo:
         on_press(self._open, self._toggle)
         self._fields: pn.Column | None = None
         self.row = pn.FlexBox(self._named, self._open, align_items="flex-end", sizing_mode="stretch_width", margin=0)
-        self.panel = pn.Column(self.row, self._said.pane, sizing_mode="stretch_width", margin=0)
+        self.panel = pn.Column(
+            self.row, self._said.pane, css_classes=["go-to-place"], sizing_mode="stretch_width", margin=0
+        )
 
     def _go(self) -> None:
         if place := self._named.value:

@@ -187,6 +187,7 @@ class FurtherMap:
         def show() -> None:
             other = plane is not self._plane
             self._plane, self._colours, self._further = plane, colours, further
+            self.map.in_si(plane.request.machine)
             self.map.cells(block, colours)
             self._title.show(escape(_titled(plane, colours, job, first, request_of_job(job))))
             if other:

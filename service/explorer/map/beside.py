@@ -23,7 +23,9 @@ from rattle.models import Model
 
 RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model", "machine"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
-HINT = "<p class=faint>Point at the map to read a cell, click it to look closer.</p>"
+#: On a small screen the first thing that is seen of a point is its answer.
+ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {{ order: 1; }} }}"
+HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look closer.</p>"
 
 
 class Beside:
@@ -53,7 +55,7 @@ class Beside:
         go_to.row.append(self._close)
         self.panel = pn.Column(
             go_to.panel, self._point, self._text.pane, sizing_mode="stretch_width", margin=0,
-            stylesheets=[PRINTED],
+            stylesheets=[PRINTED, ANSWER_FIRST],
         )  # fmt: skip
 
     def read(self, plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float, window: Ranges) -> None:

@@ -116,8 +116,9 @@ class Controls:
             (self._rule, uses.limits), (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
         ):  # fmt: skip
             self._watch.on(widget, used)
+        self.featured = pn.Row(self._buttons, margin=0, stylesheets=[UNPRINTED])
         self.panel = pn.FlexBox(
-            self._buttons, self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
+            self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
             margin=0, sizing_mode="stretch_width", align_items="flex-end", stylesheets=[UNPRINTED],
         )  # fmt: skip
 

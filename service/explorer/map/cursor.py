@@ -95,6 +95,8 @@ class Cursor:
         at = self._at or point or window_middle(window)
         steps, words = new["steps"], new["word"]
         if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
+            if plane.request.machine is not None:  # speeds grow to the right, and δ to the left
+                steps = [-steps[0], steps[1], -steps[2], steps[3]]
             at = cursor_after_steps(plane, at, window, steps)
             self._go(following(window, at))
             self._stay(at)

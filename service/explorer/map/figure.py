@@ -32,6 +32,7 @@ SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
+NARROW = 500  # pixels of a figure, below which the bar of colours is below the map
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
 
@@ -68,8 +69,7 @@ class MapFigure:
         plot.toolbar.active_scroll = plot.select_one(WheelZoomTool)
         self.figure: Any = plot
         plot.name = name
-        axes.dress(plot)
-        self._in_si = axes.AxesInSI(plot)
+        self._axes = axes.MapAxes(plot, is_follower=beside is not None)
         self._dress(theme)
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
         self._others = glyphs.source_of(glyphs.IMAGE)
@@ -102,11 +102,12 @@ class MapFigure:
             *glyphs.pins(self._pinned),
         ]
         glyphs.share(plot.renderers)
-        for scale in self._scales.values():
-            plot.add_layout(scale.bar, "right")
         self._beyond = glyphs.beyond_marks(INK[theme][0])
         for mark in self._beyond:
             plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
+        self._is_narrow, self._is_categorical = False, True
+        self._place_bars()
+        plot.on_change("outer_width", in_event_loop(self._on_width))
         self._box: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen(on_point, on_through, on_pointer, on_window, on_reset)
@@ -147,7 +148,8 @@ class MapFigure:
 
         def moved(_attribute: str, _old: object, new: Any) -> None:
             if len(new["x"]) == 2 and _finite(new["x"] + new["y"]):
-                on_window((float(new["x"][0]), float(new["x"][1])), (float(new["y"][0]), float(new["y"][1])))
+                (left, right), (bottom, top) = (sorted(map(float, new[axis])) for axis in "xy")
+                on_window((left, right), (bottom, top))
 
         def tapped(event: Any) -> None:
             if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
@@ -159,15 +161,30 @@ class MapFigure:
         self.figure.on_event(Tap, in_event_loop(tapped))
         self.figure.on_event(Reset, in_event_loop(lambda _event: on_reset()))
 
+    def _on_width(self, _attribute: str, _old: object, width: int) -> None:
+        if (width < NARROW) != self._is_narrow:
+            self._is_narrow = width < NARROW
+            self._place_bars()
+
+    def _place_bars(self) -> None:
+        glyphs.place_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
+        glyphs.mark_ends(self._beyond, self._scales[self._log].bar, self._is_narrow)
+        self._keep_room()
+
+    def _keep_room(self) -> None:
+        """Keep room for the numbers of the bar that is on the right of a map."""
+        self.figure.min_border_right = None if self._is_narrow or self._is_categorical else BAR_ROOM
+
     def _is_inside(self, delta: float, epsilon: float) -> bool:
         """Return whether a point is on the map, and not beside it, where axes are."""
         x, y = self.figure.x_range, self.figure.y_range
-        return bool(x.start <= delta <= x.end and y.start <= epsilon <= y.end)
+        return all(
+            min(span.start, span.end) <= at <= max(span.start, span.end) for span, at in ((x, delta), (y, epsilon))
+        )
 
     def window(self, delta: Pair, epsilon: Pair) -> None:
         """Show this window."""
-        axes.show_axes(self.figure.below[0], self.figure.x_range, axes.NAMES[0], delta)
-        axes.show_axes(self.figure.left[0], self.figure.y_range, axes.NAMES[1], epsilon)
+        self._axes.window(delta, epsilon)
         self._hide_what_is_too_large(delta)
 
     def moved(self, delta: Pair) -> None:
@@ -242,11 +259,13 @@ class MapFigure:
             scale.bar.visible = False
         for mark in self._beyond:
             mark.visible = False
-        self.figure.min_border_right = None
+        self._is_categorical = True
+        self._keep_room()
 
     def _colour(self, colours: Colouring) -> None:
         if self._log != colours.log:
             self._log = colours.log
+            glyphs.mark_ends(self._beyond, self._scales[self._log].bar, self._is_narrow)
             self._show_frame()
         palette = list(colours.palette)
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
@@ -254,7 +273,8 @@ class MapFigure:
             scale.bar.visible = log == colours.log and not colours.categorical
         for mark, share in zip(self._beyond, colours.beyond, strict=True):
             mark.visible = share > 0
-        self.figure.min_border_right = None if colours.categorical else BAR_ROOM
+        self._is_categorical = colours.categorical
+        self._keep_room()
         reasons = [glyphs.CLEAR, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
@@ -314,8 +334,8 @@ class MapFigure:
             self._ellipse.data = {"x": points[:, 0], "y": points[:, 1]}
 
     def in_si(self, machine: SurveyedMachine | None) -> None:
-        """Show the speeds and eccentricities of a machine beside δ and ε, or none."""
-        self._in_si.show(machine)
+        """Show the speeds and eccentricities of a machine, or δ and ε alone."""
+        self._axes.show(machine)
 
     def cursor(self, point: Pair | None) -> None:
         """Mark the cell that the keyboard has come to."""

@@ -69,6 +69,7 @@ class MapLines:
         self.panel = pn.Column(self.key, self._share, sizing_mode="stretch_width", margin=0)
         self._span: Pair = 0.4, 1.0
         self._counting: asyncio.Task[None] | None = None
+        self._listing: asyncio.Task[None] | None = None
         canvas.choose(tuple(chosen))
 
     @property
@@ -100,10 +101,25 @@ class MapLines:
     def _shade(self, shades: Sequence[Shade]) -> None:
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
-    def tell(self, model: Model, span: Pair) -> None:
-        """Tell in the key what the lines of this model mean; the survey spans these dampings."""
+    def tell(self, model: Model, span: Pair, window: Ranges | None = None) -> None:
+        """List the lines of this model in the key; the survey spans these dampings.
+
+        Parameters
+        ----------
+        window : Ranges | None
+            List only curves and points inside of it, once these are known; None for all of the model.
+        """
         self._entries, self._span = entries(model), span
         self.key.overlays = self._entries
+        if self._listing is not None:
+            self._listing.cancel()
+        self._listing = None if window is None else self._viewer.start(self._list_present(model, window))
+
+    async def _list_present(self, model: Model, window: Ranges) -> None:
+        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        absent = await self._viewer.read(lambda: absent_lines(model, window))
+        self._entries = found = [each for each in self._entries if each["name"] not in absent]
+        self._viewer.change(lambda: self.key.param.update(overlays=found))
 
     def draw(self, names: Sequence[str], model: Model, window: Ranges) -> None:
         """Find some lines of a model in a window, instead of what was being found of them."""
@@ -220,6 +236,12 @@ def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list
     if isinstance(curve, Missing):
         return [], curve.reason
     return split(polyline(curve)) if len(curve) else [], ""
+
+
+def absent_lines(model: Model, window: Ranges) -> set[str]:
+    """Return the curves of a model that are not inside a window, and the points' name if no point is. For a thread."""
+    curves = {name for name in OVERLAYS if name in model.curve_names and pieces_of(name, model, *window) == ([], "")}
+    return curves if not _is_offered(POINTS, model) or points_in(model, window) else curves | {POINTS}
 
 
 def usual_lines(model: Model, window: Ranges) -> None:

@@ -12,7 +12,7 @@ import xarray as xr
 
 import rattle
 from gear_rattle.service.explorer.common.address import Ranges
-from gear_rattle.service.explorer.design.axes import written
+from gear_rattle.service.explorer.design.axes import in_revolutions, written
 from gear_rattle.service.explorer.design.fields import NUMBERS, in_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers import QUANTITIES
@@ -48,8 +48,7 @@ def readout(
     """
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if machine is not None and delta > 0:
-        si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
-        rows += [(NUMBERS[name].name.lower(), f"{in_unit(name, x)} {NUMBERS[name].unit}") for name, x in si.items()]
+        rows = [*_in_si(machine, delta, epsilon), *rows]
     if delta > 0 and epsilon >= 0:
         with suppress(rattle.RattleError):  # regions are not known of every forcing
             region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
@@ -59,17 +58,27 @@ def readout(
     tables = [_table(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
-    place = f"δ {float(cell['delta']):.10g}, ε {float(cell['epsilon']):.10g}"
+    at = float(cell["delta"]), float(cell["epsilon"])
+    place = f"δ {at[0]:.10g}, ε {at[1]:.10g}"
+    if machine is not None:
+        place = ", ".join(value for _, value in _in_si(machine, *at))
     status = int(cell["status"])
     tables.append(f"<h2>Cell at {place}</h2>{_how_far(cell, delta, epsilon, window)}")
     if status in (0, FAILED):
         return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
-    tables.append(_table(_scalars(cell)))
+    scalars = _table(_scalars(cell))
+    tables.append(scalars if machine is None else in_revolutions(scalars))
     if "attractor_kind" in cell:
         tables.append(_attractors(cell))
     if "orbit_exists" in cell:
         tables.append(_orbits(cell))
     return "".join(tables)
+
+
+def _in_si(machine: SurveyedMachine, delta: float, epsilon: float) -> list[Row]:
+    """Return the speed and the eccentricity of a machine at a point, with names and units."""
+    si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
+    return [(NUMBERS[name].name.lower(), f"{in_unit(name, value)} {NUMBERS[name].unit}") for name, value in si.items()]
 
 
 def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
@@ -92,11 +101,18 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
 def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
     """Return a cell's place and its value on the map: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
-    if (here := finer_value(plane, finer, delta, epsilon)) is not None:
-        return f"{place}: {', '.join(here)}"
+    here = finer_value(plane, finer, delta, epsilon)
+    said = ", ".join(here) if here is not None else _said_of(plane, delta, epsilon)
+    if (machine := plane.request.machine) is None or delta <= 0:
+        return f"{place}: {said}"
+    in_si = ", ".join(value for _, value in _in_si(machine, delta, epsilon))
+    return f"{in_si} ({place}): {in_revolutions(said)}"
+
+
+def _said_of(plane: MapPlane, delta: float, epsilon: float) -> str:
     at = plane.at(delta, epsilon)
     if at is None:
-        return f"{place}: outside of the survey"
+        return "outside of the survey"
     value, status = at
     if status in (0, FAILED):
         said = STATUS[status].replace("_", " ")
@@ -104,7 +120,7 @@ def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges,
         said = without_value(plane.plane)
     else:
         said = _value(value, plane.plane)
-    return f"{place}: {title_of(plane.plane)}, {said}"
+    return f"{title_of(plane.plane)}, {said}"
 
 
 def _value(number: float, variable: xr.DataArray) -> str:

@@ -20,6 +20,7 @@ from gear_rattle.service.explorer.common.heading import Heading
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.design.axes import in_revolutions
 from gear_rattle.service.explorer.design.go_to import GoTo
 from gear_rattle.service.explorer.design.places import Bookmark
 from gear_rattle.service.explorer.map.beside import Beside
@@ -100,7 +101,9 @@ class MapView:
         go_to = GoTo(sheet, self.open_point, self._machine_point, self._on_place)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to, above)
         self.parts = {
-            "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
+            "featured": self._controls.featured,
+            "controls": self._controls.panel,
+            "title": self._title.pane,
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
             "said": self._said.pane,
             "key": self._lines.panel,
@@ -199,7 +202,8 @@ class MapView:
         """Choose the plane that is shown: of a third axis one slice."""
         along = whole.along(number)
         self._request = whole.at(along)
-        self._lines.tell(self.model, (whole.delta.start, whole.delta.stop))
+        window = None if whole.machine is None else window_of(whole)
+        self._lines.tell(self.model, (whole.delta.start, whole.delta.stop), window)
         self._controls.offer_slices(whole, sum(along))
         self._change(slice=sum(along))
 
@@ -288,7 +292,8 @@ class MapView:
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
         meaning = meaning_of(view.variable)
-        self._title.show(f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(colours.title)}{note}")
+        title = colours.title if plane.request.machine is None else in_revolutions(colours.title)
+        self._title.show(f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(title)}{note}")
         if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
             self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)

@@ -1,4 +1,4 @@
-"""The form that submits a survey, with what it will cost said before."""
+"""The form that submits a survey: which plane, which model, how fine; the cost is stated before anything is sent."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import panel as pn
 from pydantic import ValidationError
 
 from gear_rattle.service.database.tables import Scope
-from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
-from gear_rattle.service.explorer.page.sample_fields import RefineFields, SampleFields
+from gear_rattle.service.explorer.page.sample_fields import SampleFields
 from gear_rattle.service.harmonics import EXAMPLE, SHAPE, read_harmonics, written_harmonics
 from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
@@ -25,14 +25,22 @@ from gear_rattle.service.web.problems import field_errors_of
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.quantities import groups_of
-from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle import RattleError
-from rattle.attractors import BUDGET, read_speed
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
-from rattle.parameters import Harmonic
+from rattle.plot import FIGURE_8
 
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated
-CELLS = 61  # along each axis of a window that is to be saved
+OWN, MACHINE = "own", "machine"
+#: Ranges of δ and ε that have a name; the first is the plane of the paper's Figure 7, without its edge ε = 0.
+NAMED: dict[str, Ranges] = {
+    "Figure 7: δ 0.4 to 1, ε up to 0.3": ((0.4, 1.0), (0.005, 0.3)),
+    "Figure 8: where curves meet": FIGURE_8,
+}
+PLANES = {name: name for name in NAMED} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
+FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}  # values along either axis
+FINE = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
+CELLS = FINENESS["medium"]  # of a window that is saved
+ADVANCED = "Advanced settings"
 
 
 class Form:
@@ -41,197 +49,185 @@ class Form:
     def __init__(self, viewer: Viewer, on_submitted: Callable[[str], None], sheet: str) -> None:
         self._viewer, self._on_submitted = viewer, on_submitted
         self._estimating: asyncio.Task[None] | None = None
-        number: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
-        self.name = pn.widgets.TextInput(label="Name", max_length=200, **number)
-        ways = {"damping δ, eccentricity ε": False, "a machine: rpm, µm": True}
-        self.in_si = pn.widgets.Select(label="Axes", options=ways, **number)
-        self.machine, self.sample, self.refine = MachineAxes(sheet), SampleFields(sheet), RefineFields(sheet)
-        self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=BETA.default, step=0.05, **number)
+        row: dict[str, Any] = {"sizing_mode": "stretch_width"}
+        style: dict[str, Any] = row | {"margin": (3, 4), "stylesheets": [sheet]}
+        exact: dict[str, Any] = style | {"step": 0.05, "format": "0[.][0000000000000000]"}
+        self.plane = pn.widgets.Select(
+            label="Plane", options=PLANES, **style,
+            description="The part of the plane of damping and eccentricity that is mapped, or a machine's speeds.",
+        )  # fmt: skip
+        self.axes = {
+            name: (
+                pn.widgets.FloatInput(label=f"{letter} from", value=span[0], **exact),
+                pn.widgets.FloatInput(label=f"{letter} to", value=span[1], **exact),
+            )
+            for name, letter, span in zip(("delta", "epsilon"), "δε", NAMED[self.plane.value], strict=True)
+        }
+        self._ranges = pn.Column(*(pn.Row(*ends, **row) for ends in self.axes.values()), margin=0, visible=False, **row)
+        self.machine, self.sample = MachineAxes(sheet), SampleFields(sheet)
         self.model = pn.widgets.Select(
-            label="Model", options={each.title: name for name, each in MODELS.items()}, **number
-        )
+            label="Model", options={each.title: name for name, each in MODELS.items()}, **style,
+            description="Impacting: rigid teeth, as in the paper. Stiff walls: teeth that give way. Inelastic impacts: "
+            "restitution, load and a forcing of several harmonics.",
+        )  # fmt: skip
         self.added = {
             name: pn.widgets.FloatInput(
                 label=f"{each.label.capitalize()} {each.symbol}",
                 value=each.example if each.default is None else each.default,
                 start=each.least,
                 visible=False,
-                **number,
+                **style,
             )
             for name, each in ADDED.items()
         }
-        self.harmonics = pn.widgets.TextInput(
-            label=f"Harmonics, {SHAPE}", placeholder=f"none; several with spaces, such as {EXAMPLE}", visible=False,
-            **number,
+        self.fine = pn.widgets.Select(
+            label="How fine", options=FINE, value="medium", **style,
+            description="Each cell is one point of the plane. Coarse is computed first to see where to look closer.",
         )  # fmt: skip
-        exact: dict[str, Any] = number | {"step": 0.05, "format": "0[.][0000000000000000]"}
-        self.axes = {
-            name: (
-                pn.widgets.FloatInput(label=f"{letter} from", value=start, **exact),
-                pn.widgets.FloatInput(label=f"{letter} to", value=stop, **exact),
-                pn.widgets.IntInput(label=f"{letter} values", value=num, start=2, step=10, **number),
-            )
-            for name, letter, start, stop, num in (("delta", "δ", 0.4, 1.0, 61), ("epsilon", "ε", 0.005, 0.3, 60))
-        }  # fmt: skip
-        self.quantities = pn.widgets.CheckBoxGroup(
-            label="Quantities", options=[str(group) for group in Group], value=[str(group) for group in DEFAULT],
-            inline=True, margin=(0, 4), stylesheets=[sheet],
-        )  # fmt: skip
-        self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
-        self.v_max = pn.widgets.TextInput(label="Highest speed", placeholder="7, or natural", **number)
-        self.budget = pn.widgets.IntInput(label="Max. impacts", value=BUDGET, start=1, step=BUDGET, **number)
-        self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
             label="Submit", color="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
         )
-        self.cost = pn.pane.HTML(
-            "", css_classes=["cost"], margin=(4, 4), sizing_mode="stretch_width", stylesheets=[sheet]
+        self.cost = pn.pane.HTML("", css_classes=["cost"], margin=(4, 4), stylesheets=[sheet], **row)
+        self.name = pn.widgets.TextInput(
+            label="Name", max_length=200, description="Shown in the list of surveys, and in its files.", **style
         )
-        for widget in (self.model, self.harmonics):
-            widget.param.watch(in_event_loop(lambda _event: self._on_model()), "value")
-        self.in_si.param.watch(in_event_loop(lambda _event: self._on_way()), "value")
-        for widget in self._widgets():
-            widget.param.watch(in_event_loop(lambda _event: self._changed()), "value")
-        on_press(self.submit, lambda: viewer.start(self._submit()))
-        self._plain = pn.Column(
-            *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
-            self.beta,
-            sizing_mode="stretch_width", margin=0,
+        about = "Values along this axis, both ends included."
+        self.counts = [
+            pn.widgets.IntInput(label="", value=num, start=2, step=10, description=about, **style) for num in CELLS
+        ]
+        self.beta = pn.widgets.FloatInput(
+            label="Half-backlash β", value=BETA.default, step=0.05, **style,
+            description="Half of the clearance between the teeth; the paper has 0.6.",
         )  # fmt: skip
+        self.harmonics = pn.widgets.TextInput(
+            label=f"Harmonics, {SHAPE}", placeholder=f"none; several with spaces, such as {EXAMPLE}", visible=False,
+            description="Of the transmission error: amplitude over that of the first harmonic, phase in turns.",
+            **style,
+        )  # fmt: skip
+        self._advanced = pn.Column(
+            self.name, pn.Row(*self.counts, **row), self.beta, self.machine.optional, self.harmonics, self.sample.panel,
+            visible=False, margin=0, **row,
+        )  # fmt: skip
+        self._more = pn.widgets.Button(label=ADVANCED, css_classes=["advanced"], margin=(4, 4), stylesheets=[sheet])
+        on_press(self._more, self._toggle_advanced)
+        on_press(self.submit, self._press_submit)
         self.panel = pn.Column(
-            self.name,
-            self.in_si,
-            self._plain,
-            self.machine.panel,
-            self.model,
-            pn.Row(*self.added.values(), sizing_mode="stretch_width"),
-            self.harmonics,
-            pn.Row(self.count, self.v_max, sizing_mode="stretch_width"),
-            self.sample.panel,
-            pn.Row(self.budget, self.seed, sizing_mode="stretch_width"),
-            pn.pane.HTML("<span id=quantities>Quantities</span>", margin=(6, 4, 0, 4)),
-            self.quantities,
-            self.refine.panel,
-            self.cost,
-            self.submit,
-            css_classes=["form"],
-            sizing_mode="stretch_width",
-        )
+            self.plane, self._ranges, self.machine.panel, self.model, pn.Row(*self.added.values(), **row), self.fine,
+            pn.Row(self.submit, self.cost, **row), self._more, self._advanced, css_classes=["form"], **row,
+        )  # fmt: skip
+        for widget, used in (
+            (self.plane, self._on_plane), (self.model, self._on_model), (self.harmonics, self._on_model),
+            (self.fine, self._on_fine), *((count, self._on_count) for count in self.counts),
+        ):  # fmt: skip
+            widget.param.watch(in_event_loop(used), "value")
+        for widget in self.panel.select(pn.widgets.WidgetBase):
+            if not isinstance(widget, pn.widgets.Button):
+                widget.param.watch(in_event_loop(self._changed), "value")
+        self._on_plane()
         self._changed()
-
-    def _widgets(self) -> list[Any]:
-        return [
-            self.name, self.model, *self.added.values(), self.harmonics, self.beta,
-            *(widget for three in self.axes.values() for widget in three),
-            self.quantities, self.count, self.v_max, self.budget, self.seed, self.in_si, *self.machine.widgets,
-            *self.sample.widgets, *self.refine.widgets,
-        ]  # fmt: skip
 
     def fill(self, request: SurveyRequest) -> None:
         """Take over the settings of a survey."""
         self.name.value = request.name
-        self.in_si.value = request.machine is not None
-        self.fill_model(request.gear_model)
-        for name, (start, stop, num) in self.axes.items():
-            axis = getattr(request, name)
-            start.value, stop.value, num.value = axis.start, axis.stop, axis.num
-        if request.machine is not None:
-            self.machine.fill(request, request.machine)
-        self.fill_sample(request)
+        delta, epsilon = request.delta, request.epsilon
+        spans = (delta.start, delta.stop), (epsilon.start, epsilon.stop)
+        self._fill_plane(spans, (delta.num, epsilon.num), request.gear_model, request.machine)
+        self.sample.fill(request)
 
-    def fill_model(self, model: Model) -> None:
-        """Take over a model with its parameters."""
+    def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
+        """Take over a window of the plane, of a machine where the survey is of one."""
+        self._fill_plane(window, CELLS, model, machine)
+
+    def _fill_plane(
+        self, window: Ranges, counts: tuple[int, int], model: Model, machine: SurveyedMachine | None
+    ) -> None:
+        for (start, stop), span in zip(self.axes.values(), window, strict=True):
+            start.value, stop.value = span
+        for widget, count in zip(self.counts, counts, strict=True):
+            widget.value = count
+        if machine is not None:
+            self.machine.fill(*window, machine)
+        named = next((name for name, ranges in NAMED.items() if ranges == window), OWN)
+        self.plane.value = named if machine is None else MACHINE
         self.beta.value, self.model.value = model.beta, model.name
         for each in model.added:
             self.added[each.name].value = model.numbers[each.name]
         self.harmonics.value = " ".join(written_harmonics(model.at(1.0, 0.0).harmonics))
 
-    def fill_window(self, delta: Pair, epsilon: Pair, model: Model, machine: SurveyedMachine | None = None) -> None:
-        """Take over a window of the plane, of a machine where the survey is of one."""
-        self.in_si.value = machine is not None
-        self.fill_model(model)
-        if machine is not None:
-            self.machine.fill_window(delta, epsilon, machine)
-            self.machine.fill_counts(CELLS)
-        for (start, stop, num), window in zip(self.axes.values(), (delta, epsilon), strict=True):
-            start.value, stop.value, num.value = *window, CELLS
-
-    def fill_sample(self, request: SurveyRequest) -> None:
-        """Take over what a survey computes in a cell."""
-        self.quantities.value = [str(group) for group in request.quantities]
-        sample = request.initial_conditions
-        self.count.value, self.budget.value = sample.count, sample.budget
-        self.v_max.value = "" if sample.v_max is None else str(sample.v_max)
-        self.sample.fill(request)
-        self.refine.fill(request)
-        self.seed.value = request.seed
+    @property
+    def _is_machine(self) -> bool:
+        return bool(self.plane.value == MACHINE)
 
     def fields(self) -> dict[str, Any]:
-        """Return the body of `POST /v1/surveys` that the form stands for."""
+        """Return the body of `POST /v1/surveys` that the form stands for. Raises ParameterError on wrong harmonics."""
+        counts = [widget.value for widget in self.counts]
+        own = self._own
         return {
             "name": self.name.value,
-            **(self.machine.fields() if self.in_si.value else self._plain_fields()),
-            **self._model_fields(),
-            "quantities": self.quantities.value,
-            "initial_conditions": {
-                "count": self.count.value,
-                "v_max": read_speed(self.v_max.value),
-                "budget": self.budget.value,
-                **self.sample.box(),
-            },
-            **self.sample.slots(),
-            **self.refine.fields(),
-            "seed": self.seed.value,
+            **(self.machine.fields(counts) if self._is_machine else self._plain_fields(counts)),
+            "model": self.model.value,
+            **{name: widget.value if name in own else None for name, widget in self.added.items()},
+            "harmonics": read_harmonics(self._harmonic_texts),
+            **self.sample.fields(),
         }
 
-    def _plain_fields(self) -> dict[str, Any]:
+    def _plain_fields(self, counts: list[int | None]) -> dict[str, Any]:
         """Return the axes and the backlash in the model's own numbers."""
         axes = {
-            name: {"start": start.value, "stop": stop.value, "num": num.value}
-            for name, (start, stop, num) in self.axes.items()
+            name: {"start": start.value, "stop": stop.value, "num": num}
+            for (name, (start, stop)), num in zip(self.axes.items(), counts, strict=True)
         }
         return {"beta": self.beta.value, **axes}
 
-    def _model_fields(self) -> dict[str, Any]:
-        """Return the model with its numbers and harmonics. Raises ParameterError on harmonics that are none."""
-        own = self._own
-        added = {name: widget.value if name in own else None for name, widget in self.added.items()}
-        return {"model": self.model.value, **added, "harmonics": self._written_harmonics()}
-
-    def _written_harmonics(self) -> tuple[Harmonic, ...]:
-        takes = MODELS[self.model.value].takes_harmonics
-        return read_harmonics(self._harmonic_texts) if takes else ()
-
     @property
     def _harmonic_texts(self) -> list[str]:
-        return (self.harmonics.value or "").split()
+        return (self.harmonics.value or "").split() if MODELS[self.model.value].takes_harmonics else []
 
     @property
     def _own(self) -> set[str]:
         """Numbers of the model; without those that a machine has at each speed another one of."""
         added = MODELS[self.model.value].added
-        return {each.name for each in added if not (self.in_si.value and each.machine_number)}
+        return {each.name for each in added if not (self._is_machine and each.machine_number)}
 
-    def _on_way(self) -> None:
-        """Ask for the numbers of a machine, or for the model's."""
-        in_si = bool(self.in_si.value)
-        self._plain.visible, self.machine.panel.visible = not in_si, in_si
-        options = {each.title: name for name, each in MODELS.items() if not (in_si and is_stiff(each))}
+    def _on_plane(self, *_: Any) -> None:
+        """Show the fields of the plane that is chosen, and the models of it."""
+        for ends, span in zip(self.axes.values(), NAMED.get(self.plane.value, ()), strict=False):
+            ends[0].value, ends[1].value = span
+        self._ranges.visible = self.plane.value == OWN
+        self.machine.panel.visible = self.machine.optional.visible = self._is_machine
+        self.beta.visible = not self._is_machine
+        for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine else "δε", strict=True):
+            count.label = f"{letter} values"
+        options = {each.title: name for name, each in MODELS.items() if not (self._is_machine and is_stiff(each))}
         value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
         self.model.param.update(options=options, value=value)
         self._on_model()
 
-    def _on_model(self) -> None:
+    def _on_model(self, *_: Any) -> None:
         """Offer what the model has."""
-        has_harmonics = MODELS[self.model.value].takes_harmonics and bool(self._harmonic_texts)
-        offered = [str(group) for group in groups_of(self.model.value, has_harmonics)]
-        left = [name for name in self.quantities.value if name in offered]
         self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
             widget.visible = name in self._own
-        self.quantities.param.update(options=offered, value=left)
+        self.sample.offer([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
 
-    def _changed(self) -> None:
+    def _on_fine(self, *_: Any) -> None:
+        for widget, count in zip(self.counts, FINENESS.get(self.fine.value, ()), strict=False):
+            widget.value = count
+
+    def _on_count(self, *_: Any) -> None:
+        counts = across, up = tuple(widget.value or 0 for widget in self.counts)
+        known = next((name for name, each in FINENESS.items() if each == counts), OWN)
+        own = {} if known != OWN else {f"own: {across} × {up}, {across * up:,} cells": OWN}
+        self.fine.param.update(options=FINE | own, value=known)
+
+    def _toggle_advanced(self) -> None:
+        self._advanced.visible = not self._advanced.visible
+        self._more.label = "Hide advanced settings" if self._advanced.visible else ADVANCED
+
+    def _press_submit(self) -> None:
+        self._viewer.start(self._submit())
+
+    def _changed(self, *_: Any) -> None:
         if self._estimating is not None:
             self._estimating.cancel()
         self._estimating = self._viewer.start(self._estimate())

@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.families.view import FamiliesView
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import asset, tour
 from gear_rattle.service.explorer.further.maps import FurtherMaps
 from gear_rattle.service.explorer.map.shared import Shared, shown_first
 from gear_rattle.service.explorer.map.view import MapView
@@ -104,6 +104,7 @@ class Page:
             "theme": theme,
             "other_theme": "Light" if theme == "dark" else "Dark",
             "signed_in": self._viewer.signed_in,
+            "tour": tour(),
         }.items():
             template.add_variable(name, value)
         further = dict(zip(FURTHER, self._further.places, strict=True))
@@ -188,7 +189,7 @@ class Page:
         if self._form is not None and self._form.panel in self._entering:
             self._entering.clear()
             self._side.css_classes = []
-            self._new.label = "New survey"
+            self._new.param.update(label="New survey", color="primary")
         else:
             self._opened_form()
 
@@ -198,7 +199,7 @@ class Page:
         if self._form.panel not in self._entering:
             self._entering.append(self._form.panel)
             self._side.css_classes = ["with-form"]
-            self._new.label = "Close the form"
+            self._new.param.update(label="Close the form", color="default")
         return self._form
 
     def _submitted(self, survey_id: str) -> None:
@@ -219,9 +220,10 @@ class Page:
     def _save_window(self) -> None:
         view = self._map.view
         window = self._map.window
-        self._opened_form().fill_window(*window, self._map.model, self._map.machine)
+        form = self._opened_form()
+        form.fill_window(window, self._map.model, self._map.machine)
         if view.survey in self._standings and self._standings[view.survey].job.is_readable:
-            self._opened_form().fill_sample(self._request(view.survey))
+            form.sample.fill(self._request(view.survey))
 
     def _request(self, survey_id: str) -> SurveyRequest:
         """Return the request of a survey; with a third axis that of the visible slice."""

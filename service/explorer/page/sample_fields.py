@@ -1,4 +1,4 @@
-"""Parts of the form: where samples begin, in which slot of a cell an attractor is, and which cells are computed."""
+"""Fields of the form for what a survey computes in each cell: quantities, samples, attractors, refinement."""
 
 from __future__ import annotations
 
@@ -9,78 +9,115 @@ import panel as pn
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.refined.asked import AUDIT
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
+from gear_rattle.workers.survey.values.schema import DEFAULT, Group
+from rattle.attractors import BUDGET, read_speed
 
 UNSAID = ""
-REFINED = "Adaptive refinement"
-WHOLE = (0.0, 1.0, 0.0)  # phases from and to, and the least speed
+QUANTITIES = (
+    "Groups of variables to store. Attractors has the quiet fraction; intensity has loudness; families joins the "
+    "motions of neighbouring cells."
+)
 
 
 class SampleFields:
-    """The box of initial conditions but for its highest speed, and the slots."""
+    """The fields, each with a tooltip."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
-        tau_min, tau_max, v_min = WHOLE
-        phase: dict[str, Any] = {"start": 0.0, "end": 1.0, "step": 0.05} | style
-        self._tau_min = pn.widgets.FloatInput(label="Phases from", value=tau_min, **phase)
-        self._tau_max = pn.widgets.FloatInput(label="to", value=tau_max, **phase)
-        self._v_min = pn.widgets.FloatInput(label="Least speed", value=v_min, start=0.0, step=0.5, **style)
-        self._slots = pn.widgets.IntInput(
-            label="Attractors listed",
-            value=None,
-            start=1,
-            end=MAX_SLOTS,
-            placeholder="8 or 24",
-            **style,
-        )
-        options = {"default": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
-        self._by = pn.widgets.Select(label="Order attractors by", options=options, **style)
-        self.widgets = [self._tau_min, self._tau_max, self._v_min, self._slots, self._by]
-        self.panel = pn.Column(
-            pn.Row(self._tau_min, self._tau_max, self._v_min, sizing_mode="stretch_width"),
-            pn.Row(self._slots, self._by, sizing_mode="stretch_width"),
-            sizing_mode="stretch_width", margin=0,
+        groups = [str(group) for group in Group]
+        self.quantities = pn.widgets.CheckBoxGroup(
+            label="Quantities", options=groups, value=[str(group) for group in DEFAULT], inline=True, margin=(0, 4),
+            stylesheets=[sheet],
         )  # fmt: skip
+        self._count = pn.widgets.IntInput(
+            label="Initial conditions", value=64, start=1, step=64, **style,
+            description="Samples in each cell. More of them find rarer motions, and take longer in proportion.",
+        )  # fmt: skip
+        self._v_max = pn.widgets.TextInput(
+            label="Highest speed", placeholder="7, or natural", **style,
+            description="Samples start at speeds up to this one; natural is the speed scale of each cell.",
+        )  # fmt: skip
+        phase: dict[str, Any] = {"start": 0.0, "end": 1.0, "step": 0.05} | style
+        about = "Samples start at phases of the forcing period between these two, of 0 to 1."
+        self._tau_min = pn.widgets.FloatInput(label="Phases from", value=0.0, description=about, **phase)
+        self._tau_max = pn.widgets.FloatInput(label="Phases to", value=1.0, description=about, **phase)
+        self._v_min = pn.widgets.FloatInput(
+            label="Least speed", value=0.0, start=0.0, step=0.5, **style,
+            description="Samples start at speeds from this one on.",
+        )  # fmt: skip
+        self._slots = pn.widgets.IntInput(
+            label="Attractors listed", value=None, start=1, end=MAX_SLOTS, placeholder="8 or 24", **style,
+            description="The most attractors stored for a cell: 8, or 24 with families.",
+        )  # fmt: skip
+        self._by = pn.widgets.Select(
+            label="Order attractors by", **style,
+            options={"default": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY},
+            description="The first is the one that most samples reach, or each family has a number of its own.",
+        )  # fmt: skip
+        self._budget = pn.widgets.IntInput(
+            label="Max. impacts", value=BUDGET, start=1, step=BUDGET, **style,
+            description="A sample that makes more impacts before it reaches an attractor is undecided.",
+        )  # fmt: skip
+        self._seed = pn.widgets.IntInput(
+            label="Seed", value=0, start=0, **style,
+            description="The same seed draws the same samples; another one shows how far results depend on them.",
+        )  # fmt: skip
+        self._refined = pn.widgets.Select(
+            label="Cells", options={"all of them": False, "adaptive refinement": True}, **style,
+            description="Adaptive refinement computes few cells first, and more where they differ.",
+        )  # fmt: skip
+        self._audit = pn.widgets.FloatInput(
+            label="Share of filled cells that is checked", value=AUDIT, start=0.0, end=1.0, step=0.01, visible=False,
+            description="These filled cells are computed all the same, which bounds how many are wrong.", **style,
+        )  # fmt: skip
+        self._refined.param.watch(lambda event: self._audit.param.update(visible=bool(event.new)), "value")
+        row: dict[str, Any] = {"sizing_mode": "stretch_width"}
+        self.panel = pn.Column(
+            pn.Row(self._count, self._budget, **row),
+            pn.Row(self._v_min, self._v_max, **row),
+            pn.Row(self._tau_min, self._tau_max, **row),
+            pn.Row(self._slots, self._seed, **row),
+            self._by,
+            pn.Row(
+                pn.pane.HTML("<span id=quantities>Quantities</span>", stylesheets=[sheet], margin=(6, 4, 0, 4)),
+                pn.widgets.TooltipIcon(value=QUANTITIES, margin=(6, 0, 0, 0)),
+            ),
+            self.quantities,
+            self._refined,
+            self._audit,
+            margin=0,
+            **row,
+        )
 
-    def box(self) -> dict[str, Any]:
-        """Return the box of the initial conditions."""
-        return {"tau_min": self._tau_min.value, "tau_max": self._tau_max.value, "v_min": self._v_min.value}
+    def offer(self, groups: list[str]) -> None:
+        """Offer these groups of quantities; the chosen ones among them stay chosen."""
+        self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 
-    def slots(self) -> dict[str, Any]:
-        """Return how many slots, and what decides which."""
-        return {"slots": self._slots.value, "slots_by": self._by.value or None}
+    def fields(self) -> dict[str, Any]:
+        """Return the fields of a request."""
+        return {
+            "quantities": self.quantities.value,
+            "initial_conditions": {
+                "count": self._count.value,
+                "v_max": read_speed(self._v_max.value),
+                "budget": self._budget.value,
+                "tau_min": self._tau_min.value,
+                "tau_max": self._tau_max.value,
+                "v_min": self._v_min.value,
+            },
+            "slots": self._slots.value,
+            "slots_by": self._by.value or None,
+            "refine": {"audit": self._audit.value} if self._refined.value else None,
+            "seed": self._seed.value,
+        }
 
     def fill(self, request: SurveyRequest) -> None:
         """Take over the settings of a survey."""
         sample = request.initial_conditions
+        self.quantities.value = [str(group) for group in request.quantities]
+        self._count.value, self._budget.value, self._seed.value = sample.count, sample.budget, request.seed
+        self._v_max.value = "" if sample.v_max is None else str(sample.v_max)
         self._tau_min.value, self._tau_max.value, self._v_min.value = sample.tau_min, sample.tau_max, sample.v_min
         self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
-
-
-class RefineFields:
-    """Fields of adaptive refinement, and of its audit fraction."""
-
-    def __init__(self, sheet: str) -> None:
-        style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
-        self._chosen = pn.widgets.CheckBoxGroup(label="Cells", options=[REFINED], value=[], **style)
-        self._audit = pn.widgets.FloatInput(
-            label="Share of filled cells that is checked",
-            value=AUDIT,
-            start=0.0,
-            end=1.0,
-            step=0.01,
-            visible=False,
-            **style,
-        )
-        self._chosen.param.watch(lambda event: self._audit.param.update(visible=bool(event.new)), "value")
-        self.widgets = [self._chosen, self._audit]
-        self.panel = pn.Column(*self.widgets, sizing_mode="stretch_width", margin=0)
-
-    def fields(self) -> dict[str, Any]:
-        """Return the fields of a request."""
-        return {"refine": {"audit": self._audit.value} if self._chosen.value else None}
-
-    def fill(self, request: SurveyRequest) -> None:
-        """Take over the settings of a survey."""
-        self._chosen.value = [REFINED] if request.refine is not None else []
+        self._refined.value = request.refine is not None
         self._audit.value = request.refine.audit if request.refine is not None else AUDIT

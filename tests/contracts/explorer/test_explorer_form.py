@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import panel as pn
 import pytest
 from bokeh.document import Document
 from pydantic import ValidationError
@@ -14,7 +15,8 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.page.form import CELLS, Form, lasting, what_is_wrong
+from gear_rattle.service.explorer.page.form import CELLS, FINENESS, NAMED, OWN, Form, lasting, what_is_wrong
+from gear_rattle.service.explorer.page.form import MACHINE as IN_MACHINE
 from gear_rattle.service.explorer.page.rows import machine_facts
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
@@ -75,6 +77,47 @@ def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, t
     with_form(tmp_path, body)
 
 
+def test_three_questions_make_a_survey_and_all_else_is_folded(tmp_path: Path) -> None:
+    def body(form: Form) -> None:
+        asked = {
+            each.label for each in form.panel.select(pn.widgets.WidgetBase) if each.visible and _is_shown(form, each)
+        }
+        assert asked == {"Plane", "Model", "How fine", "Submit", "Advanced settings"}
+        for name, (delta, epsilon) in NAMED.items():
+            for fine, (across, up) in FINENESS.items():
+                form.plane.value, form.fine.value = name, fine
+                found = SurveyRequest.model_validate(form.fields())
+                assert (found.delta.start, found.delta.stop) == delta
+                assert (found.epsilon.start, found.epsilon.stop) == epsilon
+                assert found.shape == (up, across)
+                assert f"{across * up:,} cells" in {value: label for label, value in form.fine.options.items()}[fine]
+        form.counts[0].value = 7
+        assert form.fine.value == OWN
+        assert "own: 7 × 120, 840 cells" in form.fine.options
+        form.plane.value = IN_MACHINE
+        assert [each.label for each in form.counts] == ["rpm values", "µm values"]
+        assert SurveyRequest.model_validate(form.fields()).shape == (120, 7)
+
+    with_form(tmp_path, body)
+
+
+def test_every_field_has_a_tooltip(tmp_path: Path) -> None:
+    def body(form: Form) -> None:
+        own = form.machine.panel.select(pn.widgets.WidgetBase)  # numbers of a drawing, with their units
+        ranges = [end for ends in form.axes.values() for end in ends]
+        for each in form.panel.select(pn.widgets.WidgetBase):
+            if "description" in each.param and each not in (*own, *ranges, *form.added.values()):
+                assert isinstance(each, pn.widgets.Button) or each.description, each.label
+
+    with_form(tmp_path, body)
+
+
+def _is_shown(form: Form, widget: Any) -> bool:
+    """Return whether no layout around a widget is hidden."""
+    hidden = [each for each in form.panel.select(pn.Column) if not each.visible]
+    return not any(widget in each.select(pn.widgets.WidgetBase) for each in hidden)
+
+
 def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> None:
     def body(form: Form) -> None:
         assert not form.harmonics.visible
@@ -90,7 +133,7 @@ def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> N
             form.fields()
         form.model.value = "impacting"
         assert SurveyRequest.model_validate(form.fields()).harmonics == ()
-        form.in_si.value = True
+        form.plane.value = IN_MACHINE
         assert "stiff" not in form.model.options.values()
 
     with_form(tmp_path, body)
@@ -107,8 +150,10 @@ def test_what_is_wrong_and_how_long_it_lasts_is_said_in_words() -> None:
 
 def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
     def body(form: Form) -> None:
-        form.in_si.value = True
-        (backlash,) = (each for each in form.machine.widgets if each.label == "Backlash, µm")
+        form.plane.value = IN_MACHINE
+        (backlash,) = (
+            each for each in form.machine.panel.select(pn.widgets.FloatInput) if each.label == "Backlash, µm"
+        )
         backlash.value = 120.0
         found = SurveyRequest.model_validate(form.fields())
         machine = rattle.Machine(0.003, 5e-4, 120e-6, 60e-6, 0.05, rpm=1000)
@@ -126,15 +171,15 @@ def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
 def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
     def body(form: Form) -> None:
         assert IN_SI.machine is not None
-        form.fill_window((0.05, 0.06), (2e-4, 3e-4), Impacting(IN_SI.beta), IN_SI.machine)
+        form.fill_window(((0.05, 0.06), (2e-4, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)
         found = SurveyRequest.model_validate(form.fields())
         assert found.machine == IN_SI.machine
         assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-11)
         assert (found.epsilon.start, found.epsilon.stop) == pytest.approx((2e-4, 3e-4), rel=1e-11)
-        assert found.shape == (CELLS, CELLS)
-        form.fill_window((0.0, 0.06), (0.0, 3e-4), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
+        assert found.shape == CELLS[::-1]
+        form.fill_window(((0.0, 0.06), (0.0, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
         assert SurveyRequest.model_validate(form.fields()).delta.start == pytest.approx(6e-3)
-        form.fill_window((0.5, 0.6), (0.1, 0.2), Impacting(0.6))
+        form.fill_window(((0.5, 0.6), (0.1, 0.2)), Impacting(0.6))
         assert SurveyRequest.model_validate(form.fields()).machine is None
 
     with_form(tmp_path, body)

@@ -1,5 +1,6 @@
 """The map of a machine's survey, and points that are entered, without a browser."""
 
+import re
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -16,11 +17,14 @@ import rattle
 from gear_rattle.service.explorer.common.address import Entered, View
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.tolerance import Tolerance, given_of, tolerance_outline
+from gear_rattle.service.explorer.map.overlays import pieces_of
+from gear_rattle.service.explorer.map.planes import window_of
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.point.state import stands_for
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.pictures.look import LINES
 from rattle.models import Impacting, model_at
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -54,19 +58,64 @@ def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gear_rattle.service.explorer.point.view.PointView._fill", nothing)
 
 
-def test_speeds_and_eccentricities_are_beside_the_axes_of_a_machine_only(tmp_path: Path) -> None:
+def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -> None:
     async def body(front: Front, shown: MapView) -> None:
-        speed, eccentricity = (shown.map.figure.select_one({"name": name}) for name in ("rpm", "eccentricity"))
+        plot = shown.map.figure
+        speed, eccentricity = (plot.select_one({"name": name}) for name in ("rpm", "eccentricity"))
+
+        def visible(*sides: str) -> list[list[str | None]]:
+            return [[each.axis_label for each in getattr(plot, side) if each.visible] for side in sides]
+
         shown.choose(done(front, MACHINE))
         await eventually(lambda: cells(shown) == 1)
-        assert speed.visible
-        assert eccentricity.visible
+        assert visible("below", "left", "above") == [["speed, rpm"], ["eccentricity, µm"], ["damping δ"]]
+        assert "eccentricity ε" in visible("right")[0]
         machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
         assert speed.ticker.args["scale"] / machine.delta == pytest.approx(3000)
         assert eccentricity.ticker.args["scale"] * machine.epsilon == pytest.approx(20)
-        assert shown.map.figure.below[0].axis_label == "damping δ"
+        assert plot.x_range.start > plot.x_range.end  # speeds grow to the right
+        assert plot.y_range.start < plot.y_range.end
+        shown.moved((machine.delta, 1.1 * machine.delta), (0.0, machine.epsilon))
+        shown.reset()
+        assert (plot.x_range.end, plot.x_range.start) == shown.window[0]
         shown.choose(accepted(front, views.REGIONS))
-        assert not speed.visible
+        assert visible("below", "left", "above") == [["damping δ"], ["eccentricity ε"], []]
+        assert plot.x_range.start < plot.x_range.end
+
+    with_map(tmp_path, body)
+
+
+def test_an_arrow_to_the_right_goes_to_a_higher_speed(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        def cursor(number: int, steps: list[int]) -> tuple[float, float]:
+            shown.map.figure.tags[0].data = {"steps": steps, "word": [""] * 4, "number": [number] * 4}
+            said = shown.parts["said"].object.text
+            (speed,), (eccentricity,) = re.findall(r"([\d.]+) rpm", said), re.findall(r"([\d.]+) µm", said)
+            return float(speed), float(eccentricity)
+
+        shown.choose(done(front, MACHINE))
+        await eventually(lambda: cells(shown) == 1)
+        (slow, below), (fast, same), (still, above) = (
+            cursor(number, steps) for number, steps in enumerate(([-1, 0, 0, 0], [2, 0, 0, 0], [0, 2, 0, 0]))
+        )
+        assert slow < fast == still
+        assert below == same < above
+
+    with_map(tmp_path, body)
+
+
+def test_the_key_of_a_machine_lists_lines_of_its_plane_only(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        def listed() -> set[str]:
+            return {each["name"] for each in shown.parts["key"][0].overlays}
+
+        shown.choose(done(front, MACHINE))
+        window = window_of(MACHINE)
+        there = {name for name in MACHINE.gear_model.curve_names if pieces_of(name, MACHINE.gear_model, *window)[0]}
+        assert there < set(MACHINE.gear_model.curve_names)
+        await eventually(lambda: listed() == there | {"crisis", "design_limit"})
+        shown.choose(accepted(front, views.REGIONS))
+        assert listed() == set(LINES)
 
     with_map(tmp_path, body)
 
@@ -115,7 +164,7 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
         select.value = True
         assert machine.visible
         assert not plain.visible
-        fields = {each.label: each for row in machine for each in row if hasattr(each, "label")}
+        fields = {each.label: each for each in machine.select(pn.widgets.FloatInput)}
         fields["Base radius, mm"].value = None
         show.clicks += 1
         assert "needs radius too" in said.object.text
@@ -138,6 +187,7 @@ def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
     said = readout(None, machine.delta, machine.epsilon, MACHINE.gear_model, window, None, MACHINE.machine)
     assert "<dd>3000 rpm</dd>" in said
     assert "<dd>20 µm</dd>" in said
+    assert said.index("3000 rpm") < said.index("δ")
     assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY).gear_model, ((0.4, 1.0), (0.0, 0.3)))
 
 
@@ -145,7 +195,7 @@ def test_fields_of_a_machine_give_what_the_library_takes() -> None:
     fields = MachineFields(POINT, "")
     said = [pane.object for pane in fields.panel.select(pn.pane.HTML)]
     assert any("those of the first gear" in text for text in said)
-    entered = {each.label: each for each in fields.widgets}
+    entered = {each.label: each for each in fields.panel.select(pn.widgets.FloatInput)}
     for label, value in {
         "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,
         "Teeth 2": 40, "Inertia 2, kg m²": 0.01, "Drag 2, N m s/rad": 6e-4,

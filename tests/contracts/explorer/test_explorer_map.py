@@ -360,10 +360,10 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
 
 
 def test_labels_of_no_axis_lie_over_each_other() -> None:
-    """Of four: those of a machine's speeds and eccentricities are there too."""
+    """δ and ε on two sides each, and a machine's speeds and eccentricities."""
     plot = new_map().figure
     axes = [part for part in (*plot.below, *plot.left, *plot.above, *plot.right) if isinstance(part, Axis)]
-    assert [type(axis.major_label_policy) for axis in axes] == [NoOverlap] * 4
+    assert [type(axis.major_label_policy) for axis in axes] == [NoOverlap] * 6
 
 
 def test_what_has_no_state_is_one_model_for_all_renderers() -> None:

@@ -9,6 +9,12 @@ import pytest
 from service_support import front_end
 
 import gear_rattle.service.app
+from gear_rattle.service.explorer.files import tour
+from gear_rattle.service.explorer.map.controls import FEATURED
+from gear_rattle.service.explorer.map.overlays import LABELS
+from gear_rattle.workers.pictures.look import LINES, POINTS
+from rattle.orbits.period_one import PAPER_REGIONS
+from rattle.plot import MARKERS
 
 
 def test_documents_are_shown_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,3 +66,10 @@ def test_documents_are_pages_before_a_site_is_built(
         assert client.get("/help/../service/app.py").status_code == 404
         assert client.get("/help/%2e%2e/service/app.py").status_code == 404
         assert client.get("/help/nowhere.md").status_code == 404
+
+
+def test_the_help_of_the_page_names_every_map_line_region_and_point() -> None:
+    named = set(re.findall(r"<td>(.*?)</td>", tour()))
+    assert named >= {each.button for each in FEATURED}
+    assert named >= {LABELS.get(line, line) for line in LINES if line != POINTS}
+    assert named >= {*PAPER_REGIONS, *MARKERS}
