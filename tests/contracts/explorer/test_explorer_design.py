@@ -150,7 +150,9 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         monkeypatch.setattr(view._work, "compute", compute)
         monkeypatch.setattr(Impacting, "design_gears", 16)
         assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
-        await eventually(lambda: "J a revolution" in panel.loud.html)
+        await eventually(lambda: "J per revolution" in panel.loud.html)
+        assert "dB re 1 pW" in panel.loudest.html
+        panel.on_tab("motion")
         await eventually(lambda: "its lines" in panel.under_spectrum.html)
         lines = panel.spectrum._lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
