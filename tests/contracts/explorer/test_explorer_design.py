@@ -171,7 +171,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
         panel.tolerance._ask()
-        assert view.state == {"tolerance": "0.0,2e-06,0.9"}
+        assert view.state == {"tolerance": "0.0,2e-06,0.9", "tab": "motion"}
         second.value = None
         panel.tolerance._ask()
         assert "needs a number" in panel.tolerance.said.html
