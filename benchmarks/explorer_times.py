@@ -28,7 +28,7 @@ from server import server
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-headless-shell")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
 POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
-PARTS = ("words", "empty", "probability", "motion", "everything")
+PARTS = ("words", "empty", "surveyed", "probability", "everything")
 IDLE, PATIENCE = 200.0, 30  # milliseconds of work in a second, and seconds until then
 
 #: Notes, at every frame, since when something has been on the screen.
@@ -38,10 +38,10 @@ const text = (node) => node.nodeType === 3 ? node.data : node.tagName === "STYLE
   [...(node.shadowRoot?.childNodes ?? []), ...node.childNodes].map(text).join("")
 const steps = {  // of the view of a point, one after the other
   words: (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005,
-  empty: (all) => !/impacts on the wall|at rest against|600 × 600 cells/.test(all),  // of what the point before had
-  probability: (all) => /probability|never comes to rest/.test(all),
-  motion: (all) => /impacts on the wall|at rest against/.test(all),
-  everything: (all) => all.includes("600 × 600 cells") && all.includes("periodic motions"),
+  empty: (all) => !/margin of quiet|No impact slower|margin is 0/.test(all),  // of what the point before had
+  surveyed: (all) => /random start|every start|random starts/.test(all),
+  probability: (all) => steps.surveyed(all) && !all.includes("survey's grid cell"),
+  everything: (all) => /margin of quiet|No impact slower|margin is 0|cannot be told/.test(all),
 }
 function look() {
   const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)

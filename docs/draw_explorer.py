@@ -97,7 +97,7 @@ def by_keyboard(page: Page) -> None:
 
 def cross_section(page: Page) -> None:
     """Click another point with Shift, once the first is there."""
-    page.get_by_text("periodic motions").first.wait_for()
+    page.get_by_text("from 1,024 starts").first.wait_for()
     page.keyboard.down("Shift")
     page.mouse.click(*page.evaluate(PLACE, [0.75, 0.2]))
     page.keyboard.up("Shift")
@@ -110,7 +110,7 @@ def tolerances(page: Page) -> None:
     page.get_by_role("button", name="Compute yield").click()
 
 
-POINT = ("600 × 600 cells", "periodic motions")
+BASINS, DIAGRAM = ("600 × 600 cells",), ("periodic motions",)
 #: A view of the explorer is a line here.
 VIEWS: dict[str, View] = {
     "start": View("Before any survey"),
@@ -130,9 +130,11 @@ VIEWS: dict[str, View] = {
     ),
     "go-to": View("To go to a point", {"survey": FIGURE_7}, press("Go to a point"), ("Enter as",)),
     "point": View(
-        "A clicked point", {"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1"}, until=POINT
+        "A clicked point",
+        {"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1", "p.tab": "basins"},
+        until=BASINS,
     ),
-    "section": View("A cross-section", {"survey": FIGURE_7, "point": "0.6,0.06"}, cross_section, POINT),
+    "section": View("A cross-section", {"survey": FIGURE_7, "point": "0.6,0.06"}, cross_section, DIAGRAM),
     "machine": View(
         "A machine with its design limit, and the tolerances of a point",
         {"survey": MACHINE, "variable": "attractor_kind", "overlays": "design_limit", "point": "0.0042,0.00015"},

@@ -79,6 +79,12 @@ def open_form(page: Page, plane: str = "own ranges of δ and ε") -> None:
     page.get_by_label("Initial conditions").wait_for()
 
 
+def open_tab(page: Page, name: str) -> None:
+    """Open a tab of the point."""
+    page.locator(".beside").get_by_role("button", name=name, exact=True).click()
+    page.wait_for_url(lambda url: name == "Answer" or f"p.tab={name.lower()}" in url)
+
+
 def wait_for(page: Page, asked: str) -> None:
     """Wait until a function of JavaScript is true. Not asked at every frame: a browser under load may paint none."""
     page.wait_for_function(asked, polling=POLL_MS)

@@ -8,7 +8,7 @@ import httpx
 import numpy as np
 import pytest
 from depth import deep
-from explorer_support import BESIDE, CELLS, assert_accessible, click_cell, open_view, wait_for
+from explorer_support import BESIDE, CELLS, assert_accessible, click_cell, open_tab, open_view, wait_for
 from playwright.sync_api import Page, expect
 from waiting import HANG
 
@@ -49,25 +49,78 @@ def click_basins(page: Page, tau: float, v: float) -> None:
     page.mouse.click(x, y)
 
 
+def is_in_view(page: Page, name: str) -> bool:
+    """Whether a figure, drawn, begins in the window as it was opened."""
+    figure(page, name, "id")
+    top, bottom = page.evaluate(
+        f"() => {{ const box = Bokeh.index.find_one({FIGURE.format(name)}).el.getBoundingClientRect();"
+        " return [box.top, box.bottom] }"
+    )
+    return 0 < top < bottom - 200 and top + 200 < page.evaluate("innerHeight")
+
+
 def test_a_click_shows_the_point(page: Page, service: str) -> None:
     open_view(page, service, theme="light")
     click_cell(page, 0.6, 0.1)
     beside(page, "Damping δ = ")
     beside(page, "the gear runs quietly in 7")
-    beside(page, "The margin of quiet running is an impact of speed")
+    beside(page, "from 1,024 starts")
+    expect(
+        page.get_by_role("img", name=re.compile("^Shares of starts: quiet 7.*chaotic.*P\\(1,1,0\\) = C"))
+    ).to_be_visible()
+    expect(page.get_by_text("The loudest motion, chaotic, has")).to_be_visible()
+    expect(page.get_by_text("The margin of quiet running is an impact of speed")).to_be_visible()
+    assert page.evaluate(f"() => !{FIGURE.format('basins')}")  # nobody looks at them
+    open_tab(page, "Basins")
     beside(page, f"{CELLS} × {CELLS} cells")
-    beside(page, "periodic motions")
-    expect(page.get_by_role("table", name=re.compile("Attractors from 1024 starts"))).to_be_visible()
-    expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(5)
+    assert is_in_view(page, "basins")
     assert figure(page, "basins", "background_fill_color") == "#ffffff"
+    open_tab(page, "Numbers")
+    expect(page.get_by_role("table", name=re.compile("Attractors from 1,024 starts"))).to_be_visible()
+    expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(5)
     page.get_by_role("button", name="Go to a point").click()
     expect(page.get_by_label("Enter as")).to_be_visible()
     assert_accessible(page)
 
 
+def test_the_open_tab_is_in_the_address_and_back_opens_the_one_before(page: Page, service: str) -> None:
+    open_view(page, service, point="0.6,0.1", **{"p.tab": "motion"})
+    expect(page.get_by_label("Motion shown")).to_be_visible()
+    beside(page, "Order spectrum of the force between the teeth")
+    assert is_in_view(page, "trace")
+    assert page.evaluate(f"() => !{FIGURE.format('basins')} && !{FIGURE.format('diagram')}")
+    expect(page.get_by_text("The margin of quiet running")).to_be_hidden()
+    open_tab(page, "Numbers")
+    expect(page.get_by_label("Motion shown")).to_be_hidden()
+    events = page.get_by_role("table", name="Events of the diagram").get_by_role("row")
+    expect(events).to_have_count(7)  # six, and the heads
+    whole = page.get_by_text(re.compile(r"All \d+ rows")).last
+    whole.click()
+    expect(events).to_have_count(1 + int(re.findall(r"\d+", whole.text_content() or "")[0]))
+    assert_accessible(page)
+    page.go_back()
+    page.wait_for_url("**p.tab=motion**")
+    expect(page.get_by_label("Motion shown")).to_be_visible()
+    page.locator(".beside").get_by_role("button", name="Diagram", exact=True).focus()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**p.tab=diagram**")
+    key = page.get_by_role("list", name="Key of the diagram")
+    for each in ("stable", "unstable", "swept upward", "swept downward", "saddle-node", "period doubling", "grazing"):
+        expect(key.get_by_role("listitem").filter(has_text=re.compile(rf"(^|\s){each}$"))).to_be_visible()
+    assert is_in_view(page, "diagram")
+    low, high = (figure(page, "diagram", f"y_range.{end}") for end in ("start", "end"))
+    speeds = column(page, "diagram", "renderers.find((each) => each.data_source.data.what).data_source.data.v")
+    assert low < speeds.min() < low + 0.2 * (high - low)
+    names = "renderers.find((each) => each.glyph.type === 'Text').data_source.data.name"
+    assert {each.rpartition(" ")[0] for each in column(page, "diagram", names)} <= {
+        "saddle-node", "period doubling", "grazing",
+    }  # fmt: skip
+    assert column(page, "diagram", names).size >= 3
+
+
 @deep
 def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: Page, service: str) -> None:
-    open_view(page, service, point="0.6,0.1", theme="dark")
+    open_view(page, service, point="0.6,0.1", theme="dark", **{"p.tab": "basins"})
     beside(page, f"{CELLS} × {CELLS} cells")
     assert figure(page, "basins", "background_fill_color") != "#ffffff"
     assert_accessible(page)
@@ -90,7 +143,7 @@ def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: P
 
 @deep
 def test_the_diagram_turns_and_the_point_is_closed(page: Page, service: str) -> None:
-    open_view(page, service, point="0.6,0.1")
+    open_view(page, service, point="0.6,0.1", **{"p.tab": "diagram"})
     beside(page, "against the eccentricity ε")
     page.get_by_role("button", name="along damping δ").click()
     beside(page, "against the damping δ")
@@ -102,14 +155,17 @@ def test_the_diagram_turns_and_the_point_is_closed(page: Page, service: str) -> 
 
 @deep
 def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service: str) -> None:
-    open_view(page, service, point="0.6,0.089", overlays="none")
+    open_view(page, service, point="0.6,0.089", overlays="none", **{"p.tab": "diagram"})
     beside(page, "periodic motions")
+    expect(page.get_by_role("list", name="Key of the diagram")).to_contain_text("saddle-node")
+    open_tab(page, "Basins")
     beside(page, f"{CELLS} × {CELLS} cells")
+    open_tab(page, "Motion")
     motions = page.get_by_label("Motion shown")
     motions.select_option(motions.locator("option", has_text="P(8,8,6)").text_content())
     beside(page, "P(8,8,6): 8 impacts on the wall Φ = β and 6 on Φ = −β every 8 forcing periods")
     motions.select_option(motions.locator("option", has_text="P(1,1,0)").text_content())
-    expect(page.get_by_role("list", name="Events of the diagram")).to_contain_text("saddle-node")
+    beside(page, "P(1,1,0): 1 impact on the wall Φ = β and 0 on Φ = −β every forcing period")
     here = "center.find((each) => each.dimension === 'height').location"
     slider = page.get_by_role("slider")
     slider.focus()
@@ -126,6 +182,7 @@ def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service:
     np.testing.assert_array_equal(column(page, "basins", cells), basins.labels.ravel())
     assert figure(page, "diagram", here) == epsilon
     (orbit,) = (each for each in basins.attractors if each.name == "P(1,1,0)")
+    wait_for(page, f"() => {FIGURE.format('trace')}.x_range.end === 12")
     phi = column(page, "trace", "renderers[0].data_source.data.phi")
     np.testing.assert_array_equal(phi, gear.trajectory(orbit.tau, orbit.v, 12.0, phi.size).phi)
     assert_accessible(page)
@@ -134,9 +191,10 @@ def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service:
     page.wait_for_url(lambda url: "p.at=" not in url)
     beside(page, f"{CELLS} × {CELLS} cells")
     assert figure(page, "diagram", here) == 0.089
+    open_tab(page, "Numbers")
     notebook = page.get_by_role("link", name="A notebook").get_attribute("href")
     assert "gear(0.6, 0.089)" in httpx.get(f"{service}{notebook}", timeout=HANG).text
-    page.get_by_text("events, exactly").click()
+    page.get_by_text(re.compile(r"All \d+ rows")).last.click()
     event = page.get_by_role("row", name="saddle-node").first.get_by_role("link")
     place = event.get_attribute("data-point")
     event.click()

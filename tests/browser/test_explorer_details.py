@@ -141,13 +141,12 @@ def test_the_picture_has_the_crisis_and_the_design_limit_and_maps_beside_have_th
 
 @deep
 def test_an_open_point_is_printed_on_sheets_of_its_own(page: Page, service: str) -> None:
-    open_view(page, service, point="0.6,0.1")
+    open_view(page, service, point="0.6,0.1", **{"p.tab": "motion"})
     beside = page.locator(".beside")
-    expect(beside).to_contain_text("The margin of quiet running is an impact of speed")
-    expect(beside).to_contain_text("against the eccentricity ε")
+    expect(beside).to_contain_text("Order spectrum of the force between the teeth")
     wait_for(page, IDLE)
     sheet = page.pdf(format="A4", margin=dict.fromkeys(("top", "bottom", "left", "right"), "12mm"))
-    assert len(re.findall(rb"/Type /Page\b", sheet)) >= 5  # of the map, the words, the basins, the motion, the diagram
+    assert len(re.findall(rb"/Type /Page\b", sheet)) >= 2  # of the map, and of the open tab
     page.emulate_media(media="print")
     key, point = (page.locator(each).bounding_box() for each in (".keys", ".beside"))
     assert key is not None
@@ -155,13 +154,15 @@ def test_an_open_point_is_printed_on_sheets_of_its_own(page: Page, service: str)
     assert 600 < point["width"] < 720  # CSS pixels across A4 less its margins
     assert point["y"] >= key["y"] + key["height"]
     expect(page.get_by_label("Motion shown")).to_be_hidden()
-    expect(page.get_by_role("button", name="Close the point")).to_be_hidden()
+    for each in ("Close the point", "Diagram"):
+        expect(page.get_by_role("button", name=each, exact=True)).to_be_hidden()
+    expect(page.get_by_role("heading", name="Motion", exact=True)).to_be_visible()
 
 
 @deep
 def test_events_and_motions_of_a_diagram_are_told_side_by_side(page: Page, service: str) -> None:
-    open_view(page, service, point="0.6,0.089", overlays="none")
-    expect(page.get_by_role("list", name="Events of the diagram")).to_contain_text("saddle-node")
+    open_view(page, service, point="0.6,0.089", overlays="none", **{"p.tab": "diagram"})
+    expect(page.get_by_role("list", name="Key of the diagram")).to_contain_text("saddle-node")
     model = MODEL.format("diagram")
     marks = f"{model}.renderers.find((each) => each.data_source.data.what).data_source.data"
     wait_for(page, f"() => {marks}?.what.length > 0")

@@ -3,7 +3,7 @@
 import httpx
 import pytest
 from depth import deep
-from explorer_support import of_map, open_form, open_view, wait_for, wait_for_map
+from explorer_support import of_map, open_form, open_tab, open_view, wait_for, wait_for_map
 from playwright.sync_api import Page, expect
 from service_processes import get
 from waiting import HANG, wait_until
@@ -53,10 +53,13 @@ def test_a_machine_that_is_entered_is_heard_and_has_a_yield(page: Page, service:
     open_view(page, service, point=where, machine=ENTERED)
     beside = page.locator(".beside")
     expect(beside).to_contain_text("A machine at 3000 rpm with an eccentricity of 60 µm")
-    expect(beside).to_contain_text("J a revolution")
+    expect(beside).to_contain_text("J per revolution")
+    expect(page.get_by_text("dB re 1 pW, and impacts of a mean speed of")).to_be_visible()
+    open_tab(page, "Motion")
     expect(beside).to_contain_text("Order spectrum of the force between the teeth")
     page.get_by_role("button", name="Play", exact=True).click()
     page.locator("audio").wait_for(state="attached")
+    open_tab(page, "Answer")
     field(page, "σ of eccentricity, µm", "4")
     page.get_by_role("button", name="Compute yield").click()
     expect(beside).to_contain_text("of the gears pass")

@@ -32,7 +32,7 @@ def submitted(service: str, **more: Any) -> str:
 
 def test_a_slider_chooses_the_restitution_of_the_map_and_of_its_points(page: Page, service: str) -> None:
     survey_id = submitted(service, restitution={"start": 0.6, "stop": 0.9, "num": 2})
-    open_view(page, service, survey=survey_id, variable="largest_family", point=POINT)
+    open_view(page, service, survey=survey_id, variable="largest_family", point=POINT, **{"p.tab": "numbers"})
     beside = page.locator(".beside")
     expect(page.locator(".controls")).to_contain_text("r = 0.6")
     expect(beside).to_contain_text("restitution r = 0.6")

@@ -43,7 +43,7 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
 ) -> None:
     open_view(page, service, point="0.6,0.1", **{"p.to": "0.8,0.2"})
     beside = page.locator(".beside")
-    expect(beside).to_contain_text("along the diagram below: each cell that it crosses")
+    expect(beside).to_contain_text("along the diagram above: each cell that it crosses")
     expect(beside).to_contain_text("Impact speed against the way from here")
     wait_for(page, SHOWN)
     profile, diagram = page.evaluate(FRAMES)

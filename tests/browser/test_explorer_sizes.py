@@ -30,7 +30,7 @@ BAR = """() => {
 
 
 def test_no_screen_is_too_small_and_an_open_point_hides_nothing(page: Page, service: str) -> None:
-    open_view(page, service, point="0.6,0.1")
+    open_view(page, service, point="0.6,0.1", **{"p.tab": "motion"})
     expect(page.locator(".beside")).to_contain_text("Damping δ = ")
     for width, height in ((390, 844), (640, 400), (768, 1024), (1024, 768), (1280, 800), (1920, 1080)):  # 640: at 200 %
         page.set_viewport_size({"width": width, "height": height})

@@ -9,7 +9,7 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.design.fields import EXACT, NUMBERS
+from gear_rattle.service.explorer.design.fields import NUMBERS
 from gear_rattle.service.explorer.design.tolerance import Tolerance
 from gear_rattle.workers.pictures.look import USUAL_SHARE
 from rattle import Machine
@@ -24,7 +24,7 @@ class ToleranceFields:
     def __init__(self, sheets: list[str]) -> None:
         self.on_asked: Callable[[Tolerance], None]
         style: dict[str, Any] = {"width": 150, "margin": (2, 4), "stylesheets": sheets}
-        first, second, share = (pn.widgets.FloatInput(start=0.0, format=EXACT, **style) for _ in range(3))
+        first, second, share = (pn.widgets.FloatInput(start=0.0, **style) for _ in range(3))
         share.label = "Passes: P(quiet) ≥"
         self._widgets = first, second, share
         self._per = 1.0, 1.0

@@ -16,7 +16,8 @@ from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.go_to import GoTo
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import finer_value, readout
-from gear_rattle.service.explorer.point.panel import Above, PointPanel
+from gear_rattle.service.explorer.point.panel import Below, PointPanel
+from gear_rattle.service.explorer.point.parts import Chances, chances_of_cell
 from gear_rattle.service.explorer.point.view import PointView
 from rattle import Machine
 from rattle.models import Model
@@ -39,10 +40,10 @@ class Beside:
         on_close: Callable[[], None],
         on_state: Callable[[dict[str, Any]], None],
         go_to: GoTo,
-        above: Above | None = None,
+        below: Below | None = None,
     ) -> None:
         self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
-        self._theme, self._above, self._go_to = theme, above, go_to
+        self._theme, self._below, self._go_to = theme, below, go_to
         self._text = Text(HINT, sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
@@ -72,12 +73,20 @@ class Beside:
     ) -> None:
         model, here = plane.request.gear_model, finer_value(plane, finer, delta, epsilon)
         machine = plane.request.machine
-        found = await self._viewer.read(
-            lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window, here, machine)
-        )
+        sample = plane.request.initial_conditions
+        is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)  # as that of a point
+
+        def read() -> tuple[str, Chances | None]:
+            cell = plane.cell(delta, epsilon)
+            known = chances_of_cell(cell, sample.count) if cell is not None and is_whole else None
+            return readout(cell, delta, epsilon, model, window, here, machine), known
+
+        found, known = await self._viewer.read(read)
 
         def show() -> None:
             self._text.html = found
+            if known is not None and self._view is not None:
+                self._view.tell_survey(model, (delta, epsilon), known)
 
         self._viewer.change(show)
 
@@ -91,7 +100,7 @@ class Beside:
     ) -> None:
         """Show the view of a point."""
         self._drop()
-        points = self._points or PointPanel(self._theme, self._above)
+        points = self._points or PointPanel(self._theme, self._below)
         known = {name: value for name, value in state.items() if name not in RESERVED}
         self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, machine, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")

@@ -182,7 +182,7 @@ def _number(value: float) -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, int) or not np.isfinite(value):
-        return {"nan": "–", "inf": "∞"}.get(str(value), str(value))
+        return {"nan": "–", "inf": "∞", "-inf": "−∞"}.get(str(value), str(value))
     return f"{value:.5g}".replace("-", "−")
 
 

@@ -34,8 +34,8 @@ from gear_rattle.service.explorer.map.picture import AsSeen
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane, maps_of, window_of
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
-from gear_rattle.service.explorer.point.panel import Above
-from gear_rattle.service.explorer.point.state import marks_of, stands_for
+from gear_rattle.service.explorer.point.panel import Below
+from gear_rattle.service.explorer.point.state import TAB, marks_of, stands_for
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST, LIMIT
 from gear_rattle.workers.survey.machine import SurveyedMachine
@@ -60,7 +60,7 @@ class MapView:
         sheet: str,
         remember: Callable[[View], None],
         save_window: Callable[[], None],
-        above: Above | None = None,
+        below: Below | None = None,
         on_pointed: Callable[[Pair], None] = lambda _at: None,
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
@@ -99,7 +99,7 @@ class MapView:
         self._title = Heading(sheet)
         self._said = Text("", sheet, is_spoken=True)
         go_to = GoTo(sheet, self.open_point, self._machine_point, self._on_place)
-        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to, above)
+        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to, below)
         self.parts = {
             "featured": self._controls.featured,
             "controls": self._controls.panel,
@@ -491,7 +491,8 @@ class MapView:
         if delta <= 0 or epsilon < 0:
             return
         known = (self.view.point, self.view.machine) == ((delta, epsilon), entered)
-        state = asked or (self.view.point_state if known else {})
+        tab = {name: value for name, value in self.view.point_state.items() if name == TAB}
+        state = asked or (self.view.point_state if known else tab)
         machine, model = stands_for((delta, epsilon), entered, self.machine, self.model)
         self._beside.open(delta, epsilon, model, machine, state)
         self._change(point=(delta, epsilon), point_state=state, machine=entered)

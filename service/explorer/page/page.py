@@ -89,7 +89,7 @@ class Page:
         self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
         self._families = FamiliesView(shared, viewer, sheet, lambda: self._map)
         self._map = MapView(
-            shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.above,
+            shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.below,
             self._further.point_at,
         )  # fmt: skip
         self._map.offer(self._families.which)

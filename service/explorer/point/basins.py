@@ -14,6 +14,7 @@ from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
+from gear_rattle.service.explorer.point.words import percent
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
 
@@ -36,7 +37,7 @@ class BasinsPicture:
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
         names = "phase τ of the impact", "speed v after it"
-        self.figure = themed_figure("basins", theme, *names, 520, (0.0, 1.0), (PAPER_SPEED, 0.0))
+        self.figure = themed_figure("basins", theme, *names, 460, (0.0, 1.0), (PAPER_SPEED, 0.0))
         self._v_max = PAPER_SPEED
         self.figure.grid.visible = False
         self._names = ColumnDataSource({"name": []})
@@ -142,12 +143,12 @@ class BasinsPicture:
 def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
     """Names of the colours and lines, in HTML, with the share of each basin; of many the largest."""
     parts = []
-    shares = 100 * np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
+    shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
-        parts.append(f"<li>{swatch}{legend_name(each)} {share:.3g} %</li>")
+        parts.append(f"<li>{swatch}{legend_name(each)} {percent(share)}</li>")
     if len(shares) > MOST_NAMED:
-        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {shares[MOST_NAMED:].sum():.3g} % in all</li>")
+        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent(shares[MOST_NAMED:].sum())} in all</li>")
     for line in lines:
         shade, dash = STYLES[line.name]
         parts.append(f'<li><span class="stroke" style="border-top:3px {dash} {shade}"></span>{line.name}</li>')

@@ -16,7 +16,8 @@ from gear_rattle.service.explorer.point import diagram, loudness, motion, parts
 from gear_rattle.service.explorer.point.along import Along
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines
-from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.explorer.point.state import DIAGRAM, MOTION, PointState
+from gear_rattle.service.explorer.point.words import period_of
 from gear_rattle.service.explorer.point.work import Work, waiting
 from rattle import Machine
 from rattle.models import AnyGear
@@ -31,7 +32,8 @@ NO_ATTRACTOR = "#8a96a3"
 class Choices:
     """The motion with its spectrum and sound, the diagram and the tolerances of one point.
 
-    What is chosen is remembered. `own_again` is called when the point's own basins are looked at again.
+    What is chosen is remembered. `own_again` is called when the point's own basins are looked at again, `opened` when
+    another tab is open.
     """
 
     def __init__(
@@ -44,10 +46,15 @@ class Choices:
         chosen: PointState,
         remember: Callable[[PointState], None],
         own_again: Callable[[], None],
+        opened: Callable[[], None],
     ) -> None:
         self._panel, self._work, self._palette = panel, work, palette
         self._gear, self._machine = gear, machine
-        self._chosen, self._remember, self._own_again = chosen, remember, own_again
+        self._chosen, self._remember, self._own_again, self._opened = chosen, remember, own_again, opened
+        self._period = period_of(machine)
+        self._shown_motion: tuple[object, ...] | None = None
+        self._known_diagram: DiagramLines | None = None
+        self._drawn_diagram: DiagramLines | None = None
         self._attractors: tuple[rattle.Attractor, ...] = ()
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
@@ -57,6 +64,21 @@ class Choices:
         panel.on_place = self._along.go
         panel.on_play = self._on_play
         panel.on_tap, panel.on_motion, panel.on_direction = self._on_tap, self._on_motion, self._on_direction
+        panel.on_tab = self._on_tab
+
+    @property
+    def tab(self) -> str:
+        """The tab that is open."""
+        return self._chosen.open_tab
+
+    def _on_tab(self, tab: str) -> None:
+        self._go(replace(self._chosen, tab=tab))
+
+    def _go(self, chosen: PointState) -> None:
+        """Choose something, and open its tab."""
+        self._choose(chosen)
+        self._panel.open(self.tab)
+        self._opened()
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
         """Offer the attractors, as soon as they are known."""
@@ -99,6 +121,7 @@ class Choices:
             self._panel.diagram.mark(self._parameter)
         if at is None:
             self._own_again()
+        self.ring()
         self.show_motion()
 
     @property
@@ -122,8 +145,18 @@ class Choices:
         """Return the identity of the chosen motion."""
         return self._chosen.attractor, self._chosen.start, self._along.gear
 
+    def ring(self) -> None:
+        """Mark in the basins the state that the chosen motion begins with."""
+        attractor = self._shown_attractor()
+        start = self._chosen.start or ((attractor.tau, attractor.v) if attractor is not None else None)
+        if start is not None:
+            self._panel.ring(*start)
+
     def show_motion(self) -> None:
-        """Show the chosen motion."""
+        """Show the chosen motion, once its tab is open."""
+        if self.tab != MOTION or self._shown_motion == self._asked():
+            return
+        self._shown_motion = self._asked()
         part = self._work.part(self._panel.under_motion, self._one_motion)
         self._motion = self._work.start(part, self._motion)
 
@@ -143,11 +176,9 @@ class Choices:
         def show() -> None:
             if asked != self._asked():
                 return  # another one has been chosen meanwhile
-            self._panel.motions.show(found, gear.beta, shade)
-            self._panel.picture.show_chosen(tau, v)
-            self._panel.under_motion.html = (
-                f'<p class="faint">{escape(motion.motion_caption(found, what, attractor))}</p>'
-            )
+            self._panel.motions.show(found, gear.beta, shade, self._period)
+            said = motion.motion_caption(found, what, self._period, attractor)
+            self._panel.under_motion.html = f'<p class="faint">{escape(said)}</p>'
             self._panel.heard.html = ""
             self._panel.under_spectrum.html = ""
             self._panel.spectrum.clear()
@@ -203,21 +234,41 @@ class Choices:
 
         await self._work.change(show)
 
-    async def one_diagram(self) -> None:
-        """Show the diagram in the chosen direction."""
-        direction, span, to = self._chosen.direction, self._chosen.span, self._chosen.to
-        found: DiagramLines = await self._work.compute(
-            parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
-        )
+    @property
+    def _way(self) -> tuple[object, ...]:
+        return self._chosen.direction, self._chosen.span, self._chosen.to
 
-        def show() -> None:
-            if (direction, to) != (self._chosen.direction, self._chosen.to):
-                return
+    def draw(self) -> None:
+        """Show the diagram, once its tab is open, and its events in a table."""
+        is_new = self._known_diagram is None or self._drawn_diagram is not self._known_diagram
+        if is_new and (self._diagram is None or self._diagram.done()):
+            self._draw()
+
+    def _draw(self) -> None:
+        said = self._panel.under_diagram if self.tab == DIAGRAM else self._panel.events
+        self._diagram = self._work.start(self._work.part(said, self._one_diagram), self._diagram)
+
+    async def _one_diagram(self) -> None:
+        if self._known_diagram is None:
+            direction, span, to = way = self._chosen.direction, self._chosen.span, self._chosen.to
+            found = await self._work.compute(
+                parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
+            )
+            if way != self._way:
+                return  # another one is being computed
+            self._known_diagram = found
+        await self._work.change(self._show_diagram)
+
+    def _show_diagram(self) -> None:
+        found = self._known_diagram
+        if found is None:
+            return
+        self._panel.events.html = diagram.diagram_table(found)
+        if self.tab == DIAGRAM:
+            self._drawn_diagram = found
             self._panel.diagram.show(found, self._parameter)
             said = f'<p class="faint">{escape(diagram.diagram_caption(found))}</p>'
-            self._panel.under_diagram.html = diagram.legend(found) + said + diagram.diagram_table(found)
-
-        await self._work.change(show)
+            self._panel.under_diagram.html = diagram.legend(found, self._panel.theme) + said
 
     def _on_tap(self, tau: float, v: float) -> None:
         self._choose_motion(replace(self._chosen, start=(tau, v)))
@@ -227,9 +278,9 @@ class Choices:
             self._choose_motion(replace(self._chosen, attractor=number, start=None))
 
     def _choose_motion(self, chosen: PointState) -> None:
-        self._choose(chosen)
+        self._go(replace(chosen, tab=MOTION))
         self._offer_motions()
-        self.show_motion()
+        self.ring()
 
     def _on_direction(self, direction: str) -> None:
         self._draw_anew(replace(self._chosen, direction=direction, to=None, at=None))
@@ -239,11 +290,12 @@ class Choices:
         self._draw_anew(replace(self._chosen, to=to, at=None))
 
     def _draw_anew(self, chosen: PointState) -> None:
-        self._choose(chosen)
-        self._along.offer(chosen)
+        self._choose(replace(chosen, tab=DIAGRAM))
+        self._panel.open(DIAGRAM)
+        self._along.offer(self._chosen)
+        self._known_diagram = None
         self._panel.under_diagram.html = waiting("the diagram")
-        part = self._work.part(self._panel.under_diagram, self.one_diagram)
-        self._diagram = self._work.start(part, self._diagram)
+        self._draw()
 
     def _choose(self, chosen: PointState) -> None:
         self._chosen = chosen

@@ -2,42 +2,59 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import DiagramLines, Marks
-from gear_rattle.service.explorer.point.words import pair
+from gear_rattle.service.explorer.point.words import counted, number, pair, table
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
-EVENT, MOST_TOLD = "#e8862e", 4  # colour of events, and how many of them are told of one place
+EVENT, MOST_TOLD = "#f2c14e", 4  # colour of events, and how many of them are told of one place
+HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 INFINITE = 1e12  # multipliers beyond are infinite: at a graze
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
-SEEN = {"light": "#5b9bd5", "dark": "#7fb3e0"}
+UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # states that sweeps see
+DOTS = 3.6, 1.8  # pixels across: where both sweeps see the same, the second one lies on the first
+ROOM = 0.04  # of the speeds, above and below
+HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: of the picture, of its axis of speeds, across until a browser says it
+NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # names of events above the data: their rows, and pixels
 
 
 class DiagramPicture:
-    """Impact speed against the parameter: stable solid, unstable dashed, events marked."""
+    """Impact speed against the parameter: stable solid, unstable dashed, both sweeps, events marked and named."""
 
     def __init__(self, theme: str, x_range: Range1d | None = None) -> None:
         axis = x_range or (0.0, 1.0)
-        self.figure: Any = themed_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, axis, (0.0, 7.0))
+        name, speeds = NAMES["epsilon"], (0.0, 7.0)
+        self.figure: Any = themed_figure("diagram", theme, name, "impact speed v", HEIGHT, axis, speeds)
         self.figure.min_border_left = BESIDE
         ink = ink_of(theme)
-        self._seen = ColumnDataSource({"x": [], "v": []})
-        self.figure.scatter("x", "v", source=self._seen, size=2.2, color=SEEN[theme], alpha=0.7)
+        self._seen = {}
+        for upward, shade, size in zip((True, False), (UPWARD[theme], DOWNWARD), DOTS, strict=True):
+            self._seen[upward] = ColumnDataSource({"x": [], "v": []})
+            self.figure.scatter("x", "v", source=self._seen[upward], size=size, color=shade, alpha=0.8)
         self._strokes = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": [], "dash": [], "width": []})
         drawn = self.figure.multi_line(
             "x", "v", source=self._strokes, line_color=ink, line_dash="dash", line_width="width"
         )
+        self._names = ColumnDataSource({"x": [], "v": [], "top": [], "name": [], "align": [], "aside": []})
+        self.figure.segment(
+            "x", "v", "x", "top", source=self._names, line_color=ink, line_alpha=0.45, line_dash="dotted"
+        )
+        self.figure.text(
+            "x", "top", "name", source=self._names, text_color=ink, text_font_size="11px", text_align="align",
+            x_offset="aside", text_baseline="middle",
+        )  # fmt: skip
         self._marks = ColumnDataSource({"x": [], "v": [], "tau": [], "what": [], "marker": [], "size": []})
         marked = self.figure.scatter(
-            "x", "v", source=self._marks, marker="marker", size="size", line_color=ink, fill_color=EVENT
+            "x", "v", source=self._marks, marker="marker", size="size", line_color="#000000", fill_color=EVENT
         )
         # Each has one tooltip, on a side of its own: neither covers the other.
         of_motions = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
@@ -47,22 +64,28 @@ class DiagramPicture:
             place: Any = {"attachment": side, "limit": limit}
             hover = HoverTool(renderers=[what], tooltips=tooltips, formatters=formatters, **place)
             self.figure.add_tools(hover)
-        self._here = Span(location=0.0, dimension="height", line_color="#d7191c", line_width=1.5, line_alpha=0.8)
+        self._here = Span(location=0.0, dimension="height", line_color=HERE, line_width=1.5, line_alpha=0.8)
         self.figure.add_layout(self._here)
+        self._found: DiagramLines | None = None
+        self._across: float = NARROW
+        self.figure.on_change("inner_width", in_event_loop(self._on_width))  # a browser says it
 
     def clear(self) -> None:
         """Show nothing."""
-        for source in (self._seen, self._strokes, self._marks):
+        self._found = None
+        for source in (*self._seen.values(), self._strokes, self._marks, self._names):
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
         """Draw a diagram; `at` is where the point is on its axis."""
+        self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = along(found)
-        top = max([float(x.max()) for x in (found.v, *(each.v for each in found.strokes)) if x.size], default=7.0)
-        self.figure.y_range.update(start=0.0, end=1.05 * top)
+        self._fit()
         self.mark(at)
-        self._seen.data = {"x": found.x, "v": found.v}
+        for upward, source in self._seen.items():
+            which = found.upward == upward
+            source.data = {"x": found.x[which], "v": found.v[which]}
         strokes = sorted(found.strokes, key=lambda each: each.stable)  # the stable ones above
         self._strokes.data = {
             "x": [each.x for each in strokes],
@@ -82,9 +105,84 @@ class DiagramPicture:
             "what": [_what(marks, i) for i in range(len(marks.kind))],
         }
 
+    def _on_width(self, _attribute: str, _old: object, new: Any) -> None:
+        self._across = float(new)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Fit the axis of speeds to the data, with room above for the names of events."""
+        found = self._found
+        if found is None:
+            return
+        low, high = speeds_of(found)
+        names = named_events(found, self._across)
+        rows = 1 + max((each.row for each in names), default=-1)
+        unit = (high - low) / (INNER - rows * ROW)  # of speed, a pixel
+        self.figure.y_range.update(start=low, end=high + rows * ROW * unit)
+        self._names.data = {
+            "x": [each.x for each in names],
+            "v": [each.v for each in names],
+            "top": [high + (each.row + 0.5) * ROW * unit for each in names],
+            "name": [each.text for each in names],
+            "align": [each.align for each in names],
+            "aside": [3 if each.align == "left" else -3 for each in names],
+        }
+
     def mark(self, at: float) -> None:
         """Mark where on the axis is what is looked at."""
         self._here.location = at
+
+
+class EventName(NamedTuple):
+    """Name of an event on the picture: where the event is, its text, and in which row above the data it stands."""
+
+    x: float
+    v: float
+    text: str
+    row: int
+    align: str
+    left: float  # pixels from the left edge, as are `line` and `right`
+    line: float
+    right: float
+
+    def meets(self, other: EventName) -> bool:
+        """Return whether the texts overlap, or the line down to one event crosses the text of the other."""
+        if self.row == other.row:
+            return self.left < other.right and other.left < self.right
+        upper, lower = (self, other) if self.row > other.row else (other, self)
+        return lower.left <= upper.line <= lower.right
+
+
+def speeds_of(found: DiagramLines) -> tuple[float, float]:
+    """Return the range of all speeds in a diagram, with some room."""
+    speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
+    if not speeds:
+        return 0.0, 7.0
+    low, high = min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds)
+    room = ROOM * (high - low or high or 1.0)
+    return low - room, high + room
+
+
+def named_events(found: DiagramLines, across: float) -> list[EventName]:
+    """Return the names that find room above a picture so many pixels across, events on curves of the map first."""
+    marks, (low, high) = found.marks, found.span
+    events: dict[tuple[float, str, str, str], list[float]] = {}
+    for x, v, kind, name, motion in zip(
+        marks.x.tolist(), marks.v.tolist(), marks.kind, marks.name, marks.motion, strict=True
+    ):
+        events.setdefault((x, kind, name, motion), []).append(v)
+    placed: list[EventName] = []
+    for (x, kind, name, motion), speeds in sorted(events.items(), key=lambda each: (not each[0][2], len(each[1]))):
+        text = f"{MEANINGS[kind]} {name or motion}"
+        line, width = across * (x - low) / (high - low), LETTER * len(text) + 3
+        align, left = ("left", line) if line + width < across else ("right", line - width)
+        tried = (
+            EventName(x, max(speeds), text, row, align, left, line, left + width + ROW / 2) for row in range(NAME_ROWS)
+        )
+        free = next((each for each in tried if not any(each.meets(other) for other in placed)), None)
+        if free is not None and left >= 0 and len(placed) < MOST_NAMES:
+            placed.append(free)
+    return placed
 
 
 def _what(marks: Marks, i: int) -> str:
@@ -103,43 +201,48 @@ def along(found: DiagramLines) -> str:
 def diagram_table(found: DiagramLines) -> str:
     """Return the events in HTML, those on curves of the map first; a click on one goes there."""
     if not found.events:
-        return ""
+        return f"<p>The diagram along the {along(found)} has no events.</p>"
     rows = []
     for each in sorted(found.events, key=lambda each: (not each.name, each.delta, each.epsilon)):
         at = f"{each.delta!r},{each.epsilon!r}"
         numbers = f"δ {each.delta:.10g}, ε {each.epsilon:.10g}"
         multipliers = pair(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
-        rows.append(
-            f"<tr><td>{MEANINGS[each.kind]}{f', {each.name}' if each.name else ''}</td><td>{each.motion}</td>"
-            f'<td><a href="?point={at}" data-point="{at}">{numbers}</a></td><td>{multipliers}</td></tr>'
-        )
-    head = "".join(f"<th scope=col>{title}</th>" for title in ("Event", "Motion", "Where", "Multipliers"))
-    return (
-        f'<details><summary>{len(rows)} events, exactly</summary><table aria-label="Events of the diagram">'
-        f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></details>"
-    )
+        what = f"{MEANINGS[each.kind]} {each.name}".rstrip()
+        rows.append((what, each.motion, f'<a href="?point={at}" data-point="{at}">{numbers}</a>', multipliers))
+    return table("Events of the diagram", ("Event", "Motion", "Where", "Multipliers"), rows)
 
 
 def diagram_caption(found: DiagramLines) -> str:
     """Return a sentence on what the picture shows."""
     named = sorted({name for name in found.marks.name if name})
-    motions = len({each.motion for each in found.strokes})
+    motions = counted(len({each.motion for each in found.strokes}), "periodic motion")
     curves = f", among them {', '.join(named)}" if named else ""
-    events = len(set(zip(found.marks.kind, found.marks.x.tolist(), strict=True)))
+    events = counted(len(found.events), "event")
     return (
-        f"Impact speed against the {along(found)}, {found.span[0]:.4g} to {found.span[1]:.4g}: "
-        f"{motions} periodic motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors "
-        "followed both ways, red: here."
+        f"Impact speed against the {along(found)}, {number(found.span[0])} to {number(found.span[1])}: {motions}, "
+        f"{events}{curves}. The tab Numbers lists the events."
     )
 
 
-def legend(found: DiagramLines) -> str:
-    """Return the meaning of the markers, in HTML."""
-    kinds = [kind for kind in MARKERS if kind in found.marks.kind]
+def legend(found: DiagramLines, theme: str) -> str:
+    """Return the key of lines, dots and markers, in HTML."""
+    there = {each.stable for each in found.strokes}
+    lines = [
+        (f"3px {dash} currentColor", name)
+        for is_stable, dash, name in ((True, "solid", "stable"), (False, "dashed", "unstable"))
+        if is_stable in there
+    ]
+    lines.append((f"3px solid {HERE}", "here"))
     parts = [
-        f'<li><span style="color:{EVENT}" aria-hidden="true">{SIGNS[kind]}</span> {MEANINGS[kind]}</li>'
-        for kind in kinds
+        f'<li><span class="stroke" style="border-top:{style};outline:0"></span>{name}</li>' for style, name in lines
+    ]
+    sweeps = ((True, UPWARD[theme], "swept upward"), (False, DOWNWARD, "swept downward"))
+    signs = [("●", shade, name) for is_upward, shade, name in sweeps if (found.upward == is_upward).any()]
+    signs += [(SIGNS[kind], EVENT, MEANINGS[kind]) for kind in MARKERS if kind in found.marks.kind]
+    parts += [
+        f'<li><span class="sign" style="color:{shade}" aria-hidden="true">{sign}</span> {name}</li>'
+        for sign, shade, name in signs
     ]
     if any(found.marks.name):
         parts.append("<li>large: on a curve of the map, small: of another motion</li>")
-    return f'<ul class="legend" aria-label="Events of the diagram">{"".join(parts)}</ul>' if parts else ""
+    return f'<ul class="legend" aria-label="Key of the diagram">{"".join(parts)}</ul>'

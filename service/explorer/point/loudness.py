@@ -19,8 +19,8 @@ from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
 
-PLAIN = ("Impacts a period", "Mean speed", "Largest", "Energy Σv²/2", "dB re 2π²δ²")
-IN_SI = ("Impacts/s", "Mean, m/s", "Largest, m/s", "J a revolution", "Power, W", "dB re 1 pW")
+PLAIN = ("Impacts per forcing period", "Mean speed", "Largest speed", "Energy Σv²/2", "dB re 2π²δ²")
+IN_SI = ("Impacts/s", "Mean speed, m/s", "Largest speed, m/s", "J per revolution", "Power, W", "dB re 1 pW")
 
 
 def intensity_table(
@@ -39,6 +39,26 @@ def intensity_table(
             cells = _in_si(each, machine) if machine else _plain(each, delta)
         rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
     return table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
+
+
+def loudest(
+    attractors: Sequence[rattle.Attractor],
+    found: Sequence[rattle.Intensity | None],
+    delta: float,
+    machine: Machine | None,
+) -> str:
+    """Return a sentence on the attractor that rattles hardest; nothing where none is known to."""
+    known = [(each, one) for each, one in zip(attractors, found, strict=True) if one is not None and one.energy > 0]
+    if not known:
+        return ""
+    attractor, one = max(known, key=lambda pair: pair[1].energy)
+    name = f"{'The loudest motion' if len(known) > 1 else 'Its rattle'}, {legend_name(attractor)},"
+    if machine is not None:
+        si = machine.in_si(one)
+        level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number(si.mean_velocity)} m/s"
+    else:
+        level, speed = f"{_decibels(one.level(natural_energy(delta)))} dB re 2π²δ²", number(one.mean_speed)
+    return f"{name} has {level}, and impacts of a mean speed of {speed}."
 
 
 def _plain(found: rattle.Intensity, delta: float) -> list[str]:

@@ -11,6 +11,7 @@ from bokeh.models.annotations import Span
 import rattle
 from gear_rattle.service.explorer.common.figures import ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.point.words import PERIOD, counted, every
 
 ROOM = 1.12  # of a picture beyond the walls
 
@@ -20,8 +21,8 @@ class MotionPictures:
 
     def __init__(self, theme: str) -> None:
         walls = (-1.0, 1.0)
-        self.trace: Any = themed_figure("trace", theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
-        self.portrait: Any = themed_figure("portrait", theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
+        self.trace: Any = themed_figure("trace", theme, "", "Φ", 260, (0.0, 1.0), walls)
+        self.portrait: Any = themed_figure("portrait", theme, "Φ", "", 260, walls, (-7.0, 7.0))
         self._samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
         ink = ink_of(theme)
@@ -38,7 +39,7 @@ class MotionPictures:
             self.portrait.line("phi", "velocity", source=self._samples, line_width=1.2),
         ]
         impacts = self.trace.scatter("t", "phi", source=self._impacts, size=4, color=ink, alpha=0.8)
-        tooltips = [("impact at", "@t{%.4f} periods"), ("speed", "@speed{%.4g}")]
+        tooltips = [("impact at", "@t{%.4f}"), ("speed", "@speed{%.4g}")]
         formatters: Any = {"@t": "printf", "@speed": "printf"}
         self.trace.add_tools(HoverTool(renderers=[impacts], tooltips=tooltips, formatters=formatters))
 
@@ -47,8 +48,9 @@ class MotionPictures:
         for source in (self._samples, self._impacts):
             clear(source)
 
-    def show(self, found: rattle.Trajectory, beta: float, colour: str) -> None:
+    def show(self, found: rattle.Trajectory, beta: float, colour: str, period: str) -> None:
         """Draw a motion between walls at ±beta in a colour."""
+        self.trace.xaxis.axis_label, self.portrait.yaxis.axis_label = f"{period}s", f"Φ′, per {period}"
         for side, spans in self._walls.items():
             for span in spans:
                 span.location = side * beta
@@ -68,7 +70,9 @@ class MotionPictures:
             each.glyph.line_color = colour
 
 
-def motion_caption(found: rattle.Trajectory, what: str, attractor: rattle.Attractor | None = None) -> str:
+def motion_caption(
+    found: rattle.Trajectory, what: str, period: str = PERIOD, attractor: rattle.Attractor | None = None
+) -> str:
     """Return a sentence on what the pictures show.
 
     Of a periodic attractor its own numbers, which no end of a picture cuts.
@@ -81,11 +85,11 @@ def motion_caption(found: rattle.Trajectory, what: str, attractor: rattle.Attrac
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper
     if found.rest < np.inf:
-        return f"{what}: at rest against the wall Φ = β after {found.rest:.3g} forcing periods."
+        return f"{what}: at rest against the wall Φ = β after {found.rest:.3g} {period}s."
     speeds = found.impact_speed
-    fastest = f", the fastest at speed {speeds.max():.4g}" if speeds.size else ""
-    how_long = f"in {found.time[-1]:g} forcing periods"
+    fastest = f", the fastest at a speed of {speeds.max():.4g}" if speeds.size else ""
+    how_long = f"in {found.time[-1]:g} {period}s"
     if attractor is not None and attractor.kind == "periodic":
         upper, lower = attractor.n_plus, attractor.n_minus
-        how_long = "every forcing period" if attractor.m == 1 else f"every {attractor.m} forcing periods"
-    return f"{what}: {upper} impacts on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."
+        how_long = every(attractor.m, period)
+    return f"{what}: {counted(upper, 'impact')} on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."

@@ -18,6 +18,7 @@ from gear_rattle.service.explorer.design.fields import EXACT
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
+from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, TABS
 
 MARGIN = (0, 4)
 #: Two pictures stand side by side where there is room. Panel would keep room for both.
@@ -25,58 +26,85 @@ NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider along the way of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
+ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that follow the slider
 
 
 @dataclass(frozen=True)
-class Above:
-    """Figure above the diagram, over the same axis; at first nothing."""
+class Below:
+    """Figure below the diagram, over the same axis; at first nothing."""
 
     panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
     x_range: Range1d = field(default_factory=lambda: Range1d(start=0.0, end=1.0))
 
 
 class PointPanel:
-    """Panel of a point. The pictures, slow for a browser, are made when a point has something to show in them.
+    """Panel of a point: the answer, and tabs below it. Pictures, slow for a browser, are made when they are shown.
 
-    Whoever shows a point sets `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`, called when a viewer
-    clicks or chooses.
+    Whoever shows a point sets `on_tab`, `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`, called when a
+    viewer clicks or chooses.
     """
 
-    def __init__(self, theme: str, above: Above | None = None) -> None:
-        self._theme, self._above = theme, above or Above()
+    def __init__(self, theme: str, below: Below | None = None) -> None:
+        self.theme, self._below = theme, below or Below()
+        self.on_tab: Callable[[str], None]
         self.on_tap: Callable[[float, float], None]
         self.on_motion: Callable[[int | None], None]
         self.on_direction: Callable[[str], None]
         self.on_place: Callable[[int], None]
         self.on_play: Callable[[float | None], None]
         self._watch = Watch()
-        self.where, self.likely, self.safe, self.table, self.loud, self.orbits = (self._text() for _ in range(6))
+        self.likely, self.shares, self.where, self.loudest, self.safe = (self._text() for _ in range(5))
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
         self.under_spectrum, self.heard, self.take = self._text(), self._text(), self._text()
-        self._basins, self._motion, self._diagram = (
-            pn.Column(
-                *(each.pane for each in texts), sizing_mode="stretch_width", margin=0, stylesheets=[NARROW, PRINTED]
-            )
-            for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
-        )
-        answer = (self.where, self.likely, self.safe)
-        numbers = (self.table, self.loud, self.orbits, self.take)
+        self.table, self.loud, self.orbits, self.events = (self._text() for _ in range(4))
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
+        texts = {
+            ANSWER: (self.shares, self.loudest, self.safe, self.where),
+            BASINS: (self.under_basins, self.about_lines),
+            MOTION: (self.under_motion,),
+            DIAGRAM: (self.under_diagram,),
+            NUMBERS: (self.table, self.loud, self.orbits, self.events),
+        }
+        self._bodies = {
+            tab: pn.Column(
+                *(each.pane for each in texts[tab]),
+                visible=False, sizing_mode="stretch_width", margin=0, stylesheets=[NARROW, PRINTED],
+            )
+            for tab in TABS
+        }  # fmt: skip
+        self._bodies[ANSWER].append(self._tolerance)
+        self._tabs = pn.widgets.RadioButtonGroup(
+            label="What is shown of the point", options={tab.capitalize(): tab for tab in TABS}, visible=False,
+            color="primary", variant="outline", css_classes=["tabs"], margin=(6, 4, 2, 4),
+            sizing_mode="stretch_width", stylesheets=self._sheets,
+        )  # fmt: skip
+        self._watch.on(self._tabs, lambda: self.on_tab(str(self._tabs.value)))
         self.column = pn.Column(
-            *(each.pane for each in answer), self._basins, *(each.pane for each in numbers), self._tolerance,
-            self._motion, self._above.panel, self._diagram,
+            self.likely.pane, self._tabs, self.place, *self._bodies.values(), self.take.pane,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
+
+    def open(self, tab: str) -> None:
+        """Show this tab, and no other."""
+        with self._watch.paused():
+            self._tabs.param.update(value=tab, visible=True)
+        for name, body in self._bodies.items():
+            body.visible = name == tab
+        self.place.visible = tab in ALONG
 
     def clear(self) -> None:
         """Take away what there is of a point."""
         self.where.html = ""
+        self._tabs.visible = self.place.visible = False
+        for body in self._bodies.values():
+            body.visible = False
         self.clear_found()
 
     def clear_found(self) -> None:
         """Take away what was found of a point; where it is stays, or is that of the next one already."""
         for text in (
-            self.take, self.likely, self.safe, self.table, self.loud, self.orbits,
+            self.take, self.likely, self.shares, self.loudest, self.safe,
+            self.table, self.loud, self.orbits, self.events,
             self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
         ):  # fmt: skip
             text.html = ""
@@ -95,10 +123,9 @@ class PointPanel:
     @cached_property
     def picture(self) -> basins.BasinsPicture:
         """The basins."""
-        found = basins.BasinsPicture(self._theme, lambda tau, v: self.on_tap(tau, v))
-        self._basins[:] = [
-            self._text("<h2>Basins of attraction</h2>").pane,
-            self.place,
+        found = basins.BasinsPicture(self.theme, lambda tau, v: self.on_tap(tau, v))
+        self._bodies[BASINS][:] = [
+            self._text("<h2 class=tab>Basins of attraction</h2>").pane,
             pn.pane.Bokeh(found.figure, **WIDE),
             self.under_basins.pane,
             self.about_lines.pane,
@@ -110,7 +137,7 @@ class PointPanel:
         """Slider of the visible place on the way of the diagram."""
         found = pn.widgets.IntSlider(
             label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
-            sizing_mode="stretch_width",
+            sizing_mode="stretch_width", visible=False,
         )  # fmt: skip
         self._watch.on(found, lambda: self.on_place(int(found.value or 0)))
         return found
@@ -129,6 +156,11 @@ class PointPanel:
         self._watch.on(found, lambda: self.on_motion(found.value))
         return found
 
+    def ring(self, tau: float, v: float) -> None:
+        """Mark in the basins, if they are shown, the state that the motion begins with."""
+        if "picture" in self.__dict__:
+            self.picture.show_chosen(tau, v)
+
     def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
         """Offer the motions to choose from."""
         with self._watch.paused():
@@ -137,10 +169,10 @@ class PointPanel:
     @cached_property
     def motions(self) -> motion.MotionPictures:
         """The motion."""
-        found = motion.MotionPictures(self._theme)
+        found = motion.MotionPictures(self.theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
-        self._motion[:] = [
-            self._text("<h2>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
+        self._bodies[MOTION][:] = [
+            self._text("<h2 class=tab>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
             self.under_motion.pane,
             pn.Row(self.rpm, self._play, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
             self.under_spectrum.pane,
@@ -150,7 +182,7 @@ class PointPanel:
     @cached_property
     def spectrum(self) -> loudness.SpectrumPicture:
         """The order spectrum of the motion."""
-        return loudness.SpectrumPicture(self._theme)
+        return loudness.SpectrumPicture(self.theme)
 
     @cached_property
     def rpm(self) -> pn.widgets.FloatInput:
@@ -182,7 +214,11 @@ class PointPanel:
     def direction(self) -> pn.widgets.RadioButtonGroup:
         """The axes to choose from."""
         found = pn.widgets.RadioButtonGroup(
-            label="Direction of the diagram", options=DIRECTIONS, stylesheets=self._sheets
+            label="Direction of the diagram",
+            options=DIRECTIONS,
+            color="primary",
+            variant="outline",
+            stylesheets=self._sheets,
         )
         self._watch.on(found, lambda: self.on_direction(found.value))
         return found
@@ -195,9 +231,9 @@ class PointPanel:
     @cached_property
     def diagram(self) -> diagram.DiagramPicture:
         """The one-parameter diagram."""
-        found = diagram.DiagramPicture(self._theme, self._above.x_range)
-        self._diagram[:] = [
-            self._text("<h2>One-parameter diagram</h2>").pane, self.direction, pn.pane.Bokeh(found.figure, **WIDE),
-            self.under_diagram.pane,
+        found = diagram.DiagramPicture(self.theme, self._below.x_range)
+        self._bodies[DIAGRAM][:] = [
+            self._text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction,
+            pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._below.panel,
         ]  # fmt: skip
         return found

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 import rattle
@@ -20,6 +21,7 @@ from rattle.models import AnyGear, Capability, model_at, require_capability
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
 MOST_POINTS = 8000  # of it that are drawn
 SAME_ORBIT = 1e-6
+CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
 
 
@@ -116,7 +118,8 @@ class Happening(NamedTuple):
 class DiagramLines(NamedTuple):
     """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see.
 
-    Along which axis, or as fractions of the way to a point `to`.
+    Along which axis, or as fractions of the way to a point `to`. upward: whether the sweep that saw a state went
+    towards larger x.
     """
 
     direction: str
@@ -128,6 +131,28 @@ class DiagramLines(NamedTuple):
     x: Array
     v: Array
     tau: Array
+    upward: NDArray[np.bool_]
+
+
+def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
+    """Return the attractors of a survey's cell, None unless it lists all that its sample went to."""
+    if not set(cell.data_vars) >= CELL_NAMES:
+        return None
+    found = []
+    for slot in range(cell.sizes["attractor"]):
+        one = cell.isel(attractor=slot)
+        kind = rattle.KINDS[int(one["attractor_kind"])]
+        if kind != "none":
+            share, nan = float(one["attractor_fraction"]), float("nan")
+            low, high = rattle.wilson_interval(share * starts, starts)
+            label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
+            contacts = int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
+            interval = float(low), float(high)
+            found.append(rattle.Attractor(kind, *label, share, interval, (nan, nan), nan, nan, nan, contacts))
+    if not abs(sum(each.fraction for each in found) - 1.0) < 0.5 / starts:
+        return None
+    found.sort(key=lambda each: -each.fraction)
+    return Chances(starts, tuple(found), (None,) * len(found), ("",) * len(found))
 
 
 def chances(gear: AnyGear, count: int) -> Chances:
@@ -260,6 +285,7 @@ def diagram(
         offset + scale * seen.position[chosen],
         seen.v[chosen],
         seen.tau[chosen],
+        seen.forward[chosen],
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from rattle import Machine, RattleError
 from rattle.models import AnyGear, Model, model_at
 
 MOST_ATTRACTORS = 1000
+TAB = "tab"
+ANSWER, BASINS, MOTION, DIAGRAM, NUMBERS = TABS = ("answer", "basins", "motion", "diagram", "numbers")
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class PointState:
 
     The diagram's direction and how far it goes either way, None for as far as usual, or the point that it goes to;
     tolerances, if any were given; where on the way of the diagram, from 0 to 1, basins and motion are looked at, None
-    for the point itself.
+    for the point itself; the open tab, None for the one that shows what was chosen.
     """
 
     attractor: int | None = None
@@ -36,6 +38,18 @@ class PointState:
     to: Pair | None = None
     tolerance: Tolerance | None = None
     at: float | None = None
+    tab: str | None = None
+
+    @property
+    def open_tab(self) -> str:
+        """The tab that is open; an address without one, as those of older pages, means the tab of its choice."""
+        if self.tab is not None:
+            return self.tab
+        if self.to is not None or self.span is not None or self.direction != "epsilon":
+            return DIAGRAM
+        if self.start is not None or self.attractor is not None:
+            return MOTION
+        return ANSWER if self.at is None else BASINS
 
     @classmethod
     def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
@@ -49,6 +63,7 @@ class PointState:
             point_of_view(text.get("to")),
             tolerance_of(text.get("tolerance")),
             share_of(text.get("at")),
+            tab if (tab := str(text.get(TAB))) in TABS else None,
         )
 
     def text(self) -> dict[str, str]:
@@ -64,6 +79,8 @@ class PointState:
             said["tolerance"] = ",".join(map(repr, self.tolerance))
         if self.at is not None:
             said["at"] = repr(self.at)
+        if self.tab is not None and (self.tab != ANSWER or replace(self, tab=None).open_tab != ANSWER):
+            said[TAB] = self.tab
         return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from functools import partial
 from html import escape
 
@@ -11,12 +12,13 @@ import param
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.explorer.point import basins, loudness, parts, words
 from gear_rattle.service.explorer.point.choices import Choices
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import SpectrumLines
-from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
 from gear_rattle.service.state import Front
 from rattle import Machine
@@ -27,6 +29,8 @@ COUNT = 1024  # initial conditions of the probabilities
 RESOLUTIONS = (300, 600)  # cells a side of the basins, at first and in the end
 PAINT_SECONDS = 0.05  # for a browser to put words on the screen before it lays out pictures
 OF_ONE_COSINE = "The motions A to D and their regions are known of a forcing of one cosine only."
+SURVEYED = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
+Part = tuple[Text, Callable[[], Awaitable[None]]]  # of a view: where it says what is wrong, and its work
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
@@ -34,8 +38,8 @@ class PointView(param.Parameterized):
     """Everything about one (δ, ε), in a panel; slow parts fill in from processes of their own until `stop` is called.
 
     `state` is what a URL keeps to reproduce the view, all of it text: the attractor (its place by falling share) or the
-    initial condition (tau, v) whose motion is shown, the direction of the diagram, and tolerances. What of it cannot be
-    read is as by default. Numbers of a machine's point are in SI units too.
+    initial condition (tau, v) whose motion is shown, the direction of the diagram, tolerances, and the open tab. The
+    rest is as by default. Numbers of a machine's point are in SI units too.
     """
 
     state = param.Dict(default={})
@@ -61,19 +65,32 @@ class PointView(param.Parameterized):
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
         self._is_there = False  # a gear
+        self._is_told = False  # and its attractors are known
+        self._at_work: set[str] = set()  # tabs
         try:
             self._gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
-            panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
-            panel.clear_found()
+            panel.clear()
+            panel.likely.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
+        self._period = words.period_of(machine)
         self._say_where()
         panel.clear_found()
-        heard = self._remember, self._show_own
+        heard = self._remember, self._show_own, self._fill_tab
         self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, *heard)
         self._is_there = True
         self._remember(chosen)
+        self._left: dict[str, list[Part]] = {
+            ANSWER: [(panel.safe, self._margin)],
+            BASINS: [
+                (panel.under_basins, partial(self._some_basins, 100, "cells")),
+                (panel.about_lines, self._some_lines),
+                (panel.under_basins, partial(self._some_basins, RESOLUTIONS[0], "refined")),
+                (panel.under_basins, partial(self._some_basins, RESOLUTIONS[1], "refined")),
+            ],
+        }
         self._say_what_is_computed()
+        panel.open(chosen.open_tab)
         self._work.start(self._fill())
 
     def _remember(self, chosen: PointState) -> None:
@@ -95,7 +112,7 @@ class PointView(param.Parameterized):
 
     def _say_where(self) -> None:
         """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
-        self.panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
+        self.panel.where.html = f"<p>{escape(words.where(self._gear, self._period))}</p>" + (
             f"<p>{escape(words.in_si_words(self._machine, self._gear))}</p>" if self._machine else ""
         )
 
@@ -104,7 +121,8 @@ class PointView(param.Parameterized):
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
-            (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"),
+            (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"), (panel.events, "the diagram"),
+            (panel.safe, "the margin"),
         ):  # fmt: skip
             text.html = waiting(what)
         if not ready:
@@ -116,7 +134,7 @@ class PointView(param.Parameterized):
                 self._work.start(self._work.part(panel.orbits, self._closed_form))
 
     async def _fill(self) -> None:
-        """Fill the quick parts first, then the slow ones one by one, so that the next click is answered at once.
+        """Fill the words first, and then what the open tab shows, so that the next click is answered at once.
 
         Pictures come after the words: to make them takes the service, and to lay them out a browser, a while.
         """
@@ -124,20 +142,33 @@ class PointView(param.Parameterized):
         await part(panel.likely, self._chances)
         await part(panel.loud, self._intensities)
         await asyncio.sleep(PAINT_SECONDS)
-        await part(panel.under_basins, partial(self._some_basins, 100, "cells"))
-        self._choices.show_motion()
-        if Capability.MARGIN in self._model.has:
-            await part(panel.safe, self._margin)
-        else:
-            await self._work.tell(panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
+        self._is_told = True
+        self._fill_tab()
         if self._gear.parameters.harmonics:
             await self._work.tell(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
         elif not self._model.in_closed_form:
             await part(panel.orbits, self._continued)
-        await part(panel.about_lines, self._some_lines)
-        await part(panel.under_basins, partial(self._some_basins, RESOLUTIONS[0], "refined"))
-        await part(panel.under_diagram, self._choices.one_diagram)
-        await part(panel.under_basins, partial(self._some_basins, RESOLUTIONS[1], "refined"))
+
+    def _fill_tab(self) -> None:
+        """Compute what the open tab shows, unless that is done or at work."""
+        tab = self._choices.tab
+        if not self._is_told:
+            return
+        if tab == MOTION:
+            self._choices.show_motion()
+        elif tab in (DIAGRAM, NUMBERS):
+            self._choices.draw()
+        elif tab not in self._at_work:
+            self._at_work.add(tab)
+            self._work.start(self._fill_from(tab))
+
+    async def _fill_from(self, tab: str) -> None:
+        """Compute part after part, while the tab is open."""
+        left = self._left[tab]
+        while left and self._choices.tab == tab:
+            await self._work.part(*left[0])
+            left.pop(0)
+        self._at_work.discard(tab)
 
     async def _chances(self) -> None:
         count = min(COUNT, self._front.settings.max_point_count)
@@ -149,9 +180,20 @@ class PointView(param.Parameterized):
 
         await self._work.change(show)
 
+    def tell_survey(self, model: Model, at: Pair, found: parts.Chances) -> None:
+        """Answer from the cell of a survey that the point is in, until the answer of the point itself is known."""
+        is_of_it = self._is_there and model == self._model and at == (self._gear.delta, self._gear.epsilon)
+        if is_of_it and self._found is None:
+            self._answer(found, SURVEYED)
+
+    def _answer(self, found: parts.Chances, note: str = "") -> None:
+        said = escape(words.how_likely(self._gear, found, self._period))
+        self.panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
+        self.panel.shares.html = words.shares_bar(found, self._palette)
+
     def _tell_chances(self, found: parts.Chances) -> None:
         self._found = found
-        self.panel.likely.html = f"<p><strong>{escape(words.how_likely(self._gear, found))}</strong></p>"
+        self._answer(found)
         self.panel.table.html = words.attractors_table(found, self._palette)
 
     async def _intensities(self) -> None:
@@ -161,6 +203,8 @@ class PointView(param.Parameterized):
         found = await self._work.compute(rattling.motion_intensities, self._gear, attractors, what="The intensities")
         said = loudness.intensity_table(attractors, found, self._gear.delta, self._machine, self._palette)
         await self._work.tell(self.panel.loud, said)
+        loudest = loudness.loudest(attractors, found, self._gear.delta, self._machine)
+        await self._work.tell(self.panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
 
     async def _closed_form(self) -> None:
         await self._work.kernels()
@@ -173,7 +217,7 @@ class PointView(param.Parameterized):
             self._tell_orbits(found)
             if self._found is not None:
                 self._tell_chances(parts.lettered(self._found, found.orbits))
-            if not self._choices.is_away:
+            if self._basins is not None and not self._choices.is_away:
                 self.panel.picture.show_orbits(found.orbits)
 
         await self._work.change(show)
@@ -183,8 +227,11 @@ class PointView(param.Parameterized):
         self.panel.orbits.html = words.orbits_table(found)
 
     async def _margin(self) -> None:
+        if Capability.MARGIN not in self._model.has:
+            await self._work.tell(self.panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
+            return
         found = await self._work.compute(parts.margin, self._gear, what="The margin", slow=True)
-        await self._work.tell(self.panel.safe, f"<p>{escape(words.how_safe(self._gear, found))}</p>")
+        await self._work.tell(self.panel.safe, f"<p>{escape(words.how_safe(self._gear, found, self._period))}</p>")
 
     async def _some_basins(self, side: int, method: str) -> None:
         slow = method != "cells"
@@ -217,6 +264,7 @@ class PointView(param.Parameterized):
     def _show_cells(self, found: rattle.Basins) -> None:
         self.panel.picture.show_cells(found, self._palette)
         self.panel.picture.show_orbits(self._orbits)
+        self._choices.ring()
         self._show_legend()
 
     def _show_lines(self, found: SpectrumLines) -> None:

@@ -21,6 +21,9 @@ from rattle.plot import Palette, legend_name
 MINUS = "\N{MINUS SIGN}"
 ENOUGH = 5e-4  # a share below it is not said to be 0
 MOST_HARMONICS = 6  # that a sentence lists
+MOST_NAMED = 6  # attractors below the bar of shares
+ROWS = 6  # of a table that are seen before it is unfolded
+PERIOD, REVOLUTION = "forcing period", "revolution"
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -30,6 +33,21 @@ def number(value: float, digits: int = 4) -> str:
     if math.isinf(value):
         return "∞" if value > 0 else f"{MINUS}∞"
     return f"{value:.{digits}g}".replace("-", MINUS)
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number of things: 1 event, 2 events."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def period_of(machine: Machine | None) -> str:
+    """Return the name of the forcing period: of a machine whose forcing is its revolution that one."""
+    return REVOLUTION if machine is not None and machine.revolutions == 1 else PERIOD
+
+
+def every(count: int, period: str) -> str:
+    """Return how often something happens that takes so many periods."""
+    return f"every {period}" if count == 1 else f"every {counted(count, period)}"
 
 
 def percent(share: float) -> str:
@@ -58,21 +76,23 @@ def pair(values: tuple[complex, complex] | None) -> str:
     return f"{complex_number(first)}, {complex_number(second)}"
 
 
-def motion(attractor: rattle.Attractor, letter: str = "") -> str:
+def motion(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
     """Return the name of a motion that is not quiet, in a sentence."""
     if attractor.kind == "chaotic":
         return "chaotic, without a period"
     if attractor.kind == "undecided":
         return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
-    each = "every period" if attractor.m == 1 else f"every {attractor.m} periods"
-    named = f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
-    phases = attractor.contacts
-    held = f" and {phases} contact phase{'s' * (phases > 1)}" if phases else ""
-    return f"{impacts} impact{'s' * (impacts > 1)}{held} {each}, {named}"
+    held = f" and {counted(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
+    return f"{counted(impacts, 'impact')}{held} {every(attractor.m, period)}, {_named(attractor, letter)}"
 
 
-def where(gear: AnyGear) -> str:
+def _named(attractor: rattle.Attractor, letter: str) -> str:
+    """Return the label or the kind of an attractor, and its letter among A to D."""
+    return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
+
+
+def where(gear: AnyGear, period: str = PERIOD) -> str:
     """Return the closed-form description of the point."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
@@ -91,7 +111,7 @@ def where(gear: AnyGear) -> str:
         quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
     born = gear.sn1 if model.in_closed_form else None
     if born is not None and gear.epsilon < born:
-        return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(born)}."
+        return f"{at}{backlash}{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number(born)}."
     return f"{at}{backlash}{quiet}"
 
 
@@ -118,7 +138,7 @@ def in_si_words(machine: Machine, gear: AnyGear) -> str:
     )
 
 
-def how_likely(gear: AnyGear, found: Chances) -> str:
+def how_likely(gear: AnyGear, found: Chances, period: str = PERIOD) -> str:
     """Return how likely the gear is to run quietly, and what it does otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
@@ -128,13 +148,14 @@ def how_likely(gear: AnyGear, found: Chances) -> str:
     if quiet:
         low, high = (percent(x) for x in quiet.fraction_interval)
         likely = f"From a random start the gear runs quietly in {percent(quiet.fraction)} of cases"
-        sentences.append(f"{likely} (95 % interval {low} to {high}, from {found.starts} starts).")
+        sentences.append(f"{likely} (95 % interval {low} to {high}, from {counted(found.starts, 'start')}).")
     elif gear.epsilon >= gear.quiet_limit:
         sentences.append("From every start the gear rattles: it never comes to rest against the teeth.")
     else:
-        sentences.append(f"None of {found.starts} random starts came to run quietly: the probability is below {below}.")
+        none = f"None of {found.starts:,} random starts came to run quietly"
+        sentences.append(f"{none}: the probability is below {below}.")
     if rattling:
-        said = "; ".join(f"{motion(each, letter)} ({percent(each.fraction)})" for each, letter in rattling[:4])
+        said = "; ".join(f"{motion(each, letter, period)} ({percent(each.fraction)})" for each, letter in rattling[:4])
         more = f"; and {len(rattling) - 4} more" if len(rattling) > 4 else ""
         sentences.append(f"{'Otherwise it' if quiet else 'It'} rattles: {said}{more}.")
     elif quiet and not undecided:
@@ -144,7 +165,7 @@ def how_likely(gear: AnyGear, found: Chances) -> str:
     return " ".join(sentences)
 
 
-def how_safe(gear: AnyGear, found: Margin) -> str:
+def how_safe(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
     """Return how hard an impact must be to end quiet running, and where that leads."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
@@ -152,7 +173,7 @@ def how_safe(gear: AnyGear, found: Margin) -> str:
         return "So near the quiet limit it cannot be told which impacts end quiet running."
     if math.isinf(found.v):
         return f"No impact slower than {number(found.v_max)} was found that ends quiet running."
-    leads = motion(found.leads_to) if found.leads_to is not None else "rattle"
+    leads = motion(found.leads_to, period=period) if found.leads_to is not None else "rattle"
     sentence = (
         f"The margin of quiet running is an impact of speed {number(found.v)}: weaker ones die out, and such a one at "
         f"phase {number(found.tau, 3)} sets off the nearest rattle ({leads})."
@@ -162,15 +183,38 @@ def how_safe(gear: AnyGear, found: Margin) -> str:
     return sentence
 
 
+def shares_bar(found: Chances, palette: Palette) -> str:
+    """Return the basin fractions as one bar in HTML, with the names of the largest below it."""
+    named = [
+        (palette.colour(each), f"{_named(each, letter)} {percent(each.fraction)}", each.fraction)
+        for each, letter in zip(found.attractors, found.letters, strict=True)
+    ]
+    pieces = "".join(f'<span style="flex-grow:{share:.6f};background:{shade}"></span>' for shade, _, share in named)
+    names = [
+        f'<li><span class="swatch" style="background:{shade}"></span>{escape(said)}</li>'
+        for shade, said, _ in named[:MOST_NAMED]
+    ]
+    if len(named) > MOST_NAMED:
+        left = sum(share for _, _, share in named[MOST_NAMED:])
+        names.append(f"<li>and {len(named) - MOST_NAMED} more, {percent(left)} in all</li>")
+    said = escape("; ".join(said for _, said, _ in named))
+    return (
+        f'<div class="shares" role="img" aria-label="Shares of starts: {said}">{pieces}</div>'
+        f'<ul class="legend" aria-label="Shares of starts">{"".join(names)}</ul>'
+    )
+
+
 def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in HTML; the first cell of a row is its head. Cells are HTML."""
+    """Return a table in HTML, rows after the first six folded; the first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:
         cells = "".join(f"<td>{each}</td>" for each in rest)
         lines.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
+    fold = f"<details><summary>All {len(lines)} rows</summary></details>" if len(lines) > ROWS else ""
     body = "".join(lines)
-    return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    caption = f"<caption>{escape(caption)}</caption>"
+    return f'<div class="rows">{fold}<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def orbits_table(found: PeriodOneOrbits) -> str:
@@ -180,7 +224,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
     rows = (
         (
             orbit.name,
-            f"P({orbit.m},{orbit.n_plus},{orbit.n_minus})",
+            legend_name((orbit.m, orbit.n_plus, orbit.n_minus)),
             "stable" if orbit.stable else "unstable",
             number(orbit.tau),
             number(orbit.v),
@@ -215,12 +259,12 @@ def attractors_table(found: Chances, palette: Palette) -> str:
         error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(legend_name(each))}{f' = {letter}' if letter else ''}",
-                f"{percent(each.fraction)} <small>({percent(low)}–{percent(high)})</small>",
+                f"{swatch}{escape(_named(each, letter))}",
+                f"{percent(each.fraction)} <small>({percent(low)} to {percent(high)})</small>",
                 f"{number(each.lyapunov[0])}{error}",
                 number(each.lyapunov[1]),
                 pair(multipliers),
             )
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
-    return table(f"Attractors from {found.starts} starts", heads, rows)
+    return table(f"Attractors from {counted(found.starts, 'start')}", heads, rows)

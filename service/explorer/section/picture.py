@@ -1,4 +1,4 @@
-"""The picture of a profile: steps, over the axis of the diagram below."""
+"""The picture of a profile: steps, over the axis of the diagram above."""
 
 from __future__ import annotations
 

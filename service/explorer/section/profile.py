@@ -101,6 +101,6 @@ def profile_in_words(found: Profile) -> str:
     """Return a sentence on what a profile shows."""
     cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
     gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())
-    return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram below: {cells} that it crosses." + (
+    return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram above: {cells} that it crosses." + (
         f" Gaps: {gaps}." if gaps else ""
     )

@@ -17,8 +17,8 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch
 from gear_rattle.service.explorer.map.planes import map_names
 from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.explorer.point.panel import Above
-from gear_rattle.service.explorer.point.state import PointState, stands_for
+from gear_rattle.service.explorer.point.panel import Below
+from gear_rattle.service.explorer.point.state import DIAGRAM, PointState, stands_for
 from gear_rattle.service.explorer.section.picture import ProfilePicture
 from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
 from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
@@ -30,7 +30,7 @@ NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."
 
 
 class Section:
-    """Profile above the diagram.
+    """Profile below the diagram.
 
     `keep` remembers what is chosen in the view, `go_through` has the diagram drawn from the open point to another one.
     """
@@ -46,7 +46,7 @@ class Section:
     ) -> None:
         self._shared, self._viewer, self._theme, self._sheet = shared, viewer, theme, sheet
         self._keep, self._go_through = keep, go_through
-        self.above = Above()
+        self.below = Below()
         self._said = Text("", sheet, margin=(0, 4))
         self._way: tuple[Any, ...] = ()
         self._drawings = Drawings(viewer)
@@ -65,8 +65,8 @@ class Section:
 
     @cached_property
     def _picture(self) -> ProfilePicture:
-        found = ProfilePicture(self._theme, self.above.x_range)
-        self.above.panel[:] = [
+        found = ProfilePicture(self._theme, self.below.x_range)
+        self.below.panel[:] = [
             Text("<h2>Along the diagram</h2>", self._sheet, margin=(0, 4)).pane,
             pn.FlexBox(
                 self._variable, self._low, self._high, self._delta, self._epsilon, margin=0,
@@ -79,11 +79,12 @@ class Section:
 
     def follow(self, view: View, job: JobRow | None) -> None:
         """Show what belongs to this view; job: of its survey, None without any."""
-        if view.point is None or (view.survey and (job is None or not job.is_readable)):
-            self._drawings.stop()
-            self.above.panel.visible = False
-            return
         state = PointState.read(view.point_state, 0.0)
+        is_seen = view.point is not None and state.open_tab == DIAGRAM
+        if not is_seen or (view.survey and (job is None or not job.is_readable)):
+            self._drawings.stop()
+            self.below.panel.visible = False
+            return
         place = view.point, view.machine, state.direction, state.span, state.to
         wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
         self._drawings.want(wanted, [job] if job is not None else [], partial(self._draw, view, job, state))
@@ -112,9 +113,9 @@ class Section:
                 self._low.value, self._high.value = limits
             if self._way != (ends, span):  # else a viewer may have moved the axis
                 self._way = ends, span
-                self.above.x_range.update(start=span[0], end=span[1])
+                self.below.x_range.update(start=span[0], end=span[1])
             self._said.html = f'<p class="faint">{escape(profile_in_words(found))}</p>'
-            self.above.panel.visible = True
+            self.below.panel.visible = True
 
         return show
 
@@ -126,7 +127,7 @@ class Section:
     def _refuse(self, why: str) -> None:
         self._picture.clear()
         self._said.html = f'<p class="notice" role="alert">{escape(why)}</p>'
-        self.above.panel.visible = True
+        self.below.panel.visible = True
 
     def _on_variable(self) -> None:
         self._keep(profile=Chosen.read(str(self._variable.value)), profile_limits=None)

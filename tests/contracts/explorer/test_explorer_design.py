@@ -150,7 +150,9 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         monkeypatch.setattr(view._work, "compute", compute)
         monkeypatch.setattr(Impacting, "design_gears", 16)
         assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
-        await eventually(lambda: "J a revolution" in panel.loud.html)
+        await eventually(lambda: "J per revolution" in panel.loud.html)
+        assert "dB re 1 pW" in panel.loudest.html
+        panel.on_tab("motion")
         await eventually(lambda: "its lines" in panel.under_spectrum.html)
         lines = panel.spectrum._lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
@@ -169,7 +171,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
         panel.tolerance._ask()
-        assert view.state == {"tolerance": "0.0,2e-06,0.9"}
+        assert view.state == {"tolerance": "0.0,2e-06,0.9", "tab": "motion"}
         second.value = None
         panel.tolerance._ask()
         assert "needs a number" in panel.tolerance.said.html

@@ -20,9 +20,10 @@ from waiting import HANG, eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.places.exact import Exact
 from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
-from gear_rattle.service.explorer.point.diagram import DiagramPicture
+from gear_rattle.service.explorer.point.diagram import DiagramPicture, diagram_caption, named_events, speeds_of
 from gear_rattle.service.explorer.point.diagram import legend as diagram_legend
 from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
@@ -45,7 +46,7 @@ from rattle.stiff import StiffGear
     ("delta", "epsilon", "likely", "safe"),
     [
         (0.6, 0.03, ["quietly in 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
-        (0.6, 0.1, ["quietly in 7", "Otherwise it rattles: chaotic", "every period, P(1,1,0) = C"], ["speed 2.5"]),
+        (0.6, 0.1, ["quietly in 7", "Otherwise it rattles: chaotic", "every forcing period, P(1,1,0)"], ["speed 2.5"]),
         (0.6, 0.2, ["From every start the gear rattles", "It rattles"], ["margin is 0"]),
         (0.6, 0.1899, ["quiet"], ["cannot be told"]),
     ],
@@ -170,30 +171,114 @@ def test_a_legend_of_many_basins_names_the_largest() -> None:
     assert f"and {40 - MOST_NAMED} more, {100 * (40 - MOST_NAMED) / 40:.3g} % in all" in said
 
 
+def test_numbers_of_things_and_periods() -> None:
+    assert [words.counted(count, "event") for count in (0, 1, 2, 1024)] == [
+        "0 events", "1 event", "2 events", "1,024 events",
+    ]  # fmt: skip
+    assert words.every(1, words.period_of(None)) == "every forcing period"
+    alone = rattle.Machine(0.003, 5e-4, 1e-4, 1e-5, 0.05, rpm=3000)
+    assert words.every(2, words.period_of(alone)) == "every 2 revolutions"
+    other = {"driven_teeth": 31, "driven_inertia": 0.01, "driven_drag": 1e-3, "driven_eccentricity": 1e-5}
+    pair = replace(alone, teeth=20, **other)
+    assert pair.revolutions == 31
+    assert words.every(2, words.period_of(pair)) == "every 2 forcing periods"
+
+
+def test_a_table_folds_what_comes_after_six_rows() -> None:
+    rows = [(str(i), "x") for i in range(7)]
+    said = words.table("Seven", ("Row", "Text"), rows)
+    assert "<summary>All 7 rows</summary>" in said
+    assert said.count("<tr>") == 8  # with the head
+    assert "<details>" not in words.table("Six", ("Row", "Text"), rows[:6])
+
+
+def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
+    plane = Exact().plane("quiet_fraction", 0)  # of the example
+    at = 0.6, 0.0995
+    cell = plane.cell(*at)
+    assert cell is not None
+    found = parts.chances_of_cell(cell, 64)
+    assert found is not None
+    axes = zip((plane.delta, plane.epsilon), at, strict=True)
+    gear = rattle.Gear(*(float(axis[np.abs(axis - here).argmin()]) for axis, here in axes))
+    expected = {each.name: each for each in gear.attractors(64)}
+    assert {each.name for each in found.attractors} == set(expected)
+    for each in found.attractors:
+        assert each.fraction == expected[each.name].fraction
+        assert each.fraction_interval == pytest.approx(expected[each.name].fraction_interval, abs=1e-12)
+    assert words.how_likely(gear, found) == words.how_likely(
+        gear, parts.Chances(64, tuple(expected.values()), (None,) * len(expected), ("",) * len(expected))
+    )
+    assert parts.chances_of_cell(cell.isel(attractor=slice(0, 1)), 64) is None  # some are not listed
+    assert parts.chances_of_cell(cell.drop_vars("attractor_kind"), 64) is None
+
+
+def test_a_bar_has_the_shares_of_all_attractors() -> None:
+    found = parts.chances(rattle.Gear(0.6, 0.1), 64)
+    said = words.shares_bar(found, Palette())
+    shares = [float(each) for each in re.findall(r"flex-grow:([\d.]+)", said)]
+    assert shares == pytest.approx([each.fraction for each in found.attractors], abs=1e-6)
+    assert re.search(r'role="img" aria-label="Shares of starts: quiet 7[\d.]+ %; chaotic', said)
+
+
+def drawn(marks: Marks, v: np.ndarray, upward: np.ndarray) -> DiagramLines:
+    """A diagram with these events, and an unstable motion that has these speeds."""
+    at = np.linspace(0.1, 0.2, v.size)
+    stroke = Stroke(at, v, at, "P(1,1,0), A", False)
+    return DiagramLines("epsilon", None, (0.0, 1.0), (stroke,), marks, (), at, v, at, upward)
+
+
 def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
     at = np.array([0.1, 0.1, 0.2])
     marks = Marks(at, at, at, ("SN", "PD", "PD"), ("SN1", "", ""), ("P(1,1,0)", "P(2,2,1)", "P(2,2,1)"))
-    stroke = Stroke(at, at, at, "P(1,1,0), A", False)
-    found = DiagramLines("epsilon", None, (0.0, 1.0), (stroke,), marks, (), at, at, at)
-    drawn = DiagramPicture("light")
-    drawn.show(found, 0.1)
-    tools = [each for each in drawn.figure.toolbar.tools if isinstance(each, HoverTool)]
+    found = drawn(marks, at, np.array([True, False, False]))
+    picture = DiagramPicture("light")
+    picture.show(found, 0.1)
+    tools = [each for each in picture.figure.toolbar.tools if isinstance(each, HoverTool)]
     assert sorted((each.attachment, len(each.renderers)) for each in tools) == [("left", 1), ("right", 1)]
     (events,) = [each.renderers[0].data_source.data for each in tools if each.attachment == "right"]
     assert events["what"][:2] == ["SN1, saddle-node of P(1,1,0)", "period doubling of P(2,2,1)"]
     assert events["marker"] == ["circle", "diamond", "diamond"]
-    said = diagram_legend(found)
-    assert "saddle-node" in said
-    assert "period doubling" in said
-    assert "grazing" not in said
+    said = diagram_legend(found, "light")
+    for word in ("unstable", "swept upward", "swept downward", "saddle-node", "period doubling", "here"):
+        assert word in said
+    for word in ("grazing", ">stable"):
+        assert word not in said
+    assert "1 periodic motion, 0 events, among them SN1." in diagram_caption(found)
+
+
+def test_a_diagram_s_axis_is_fitted_to_its_speeds_with_room_for_the_names_of_events() -> None:
+    at, v = np.array([0.1, 0.12, 0.9]), np.array([4.7, 4.8, 4.9])
+    marks = Marks(at, v, at, ("SN", "PD", "GR"), ("", "PD1", ""), ("P(1,1,0)", "P(1,1,1)", "P(2,2,1)"))
+    found = drawn(marks, v, np.array([True, True, True]))
+    low, high = speeds_of(found)
+    assert (low, high) == pytest.approx((4.692, 4.908))
+    picture = DiagramPicture("light")
+    picture.show(found, 0.1)
+    axis = picture.figure.y_range
+    assert axis.start == low
+    assert high < axis.end < high + 0.25 * (high - low)
+    names = {each.text: each for each in named_events(found, 300)}
+    assert set(names) == {"saddle-node P(1,1,0)", "period doubling PD1", "grazing P(2,2,1)"}
+    one, other = names["saddle-node P(1,1,0)"], names["period doubling PD1"]
+    assert one.row != other.row  # they are too close to stand side by side
+    assert not one.meets(other)
+    assert names["grazing P(2,2,1)"].align == "right"  # or the edge would cut it off
+    assert names["grazing P(2,2,1)"].right <= 300
+    many = np.linspace(0.3, 0.31, 40)
+    crowd = Marks(many, many, many, ("PD",) * 40, ("",) * 40, ("P(1,1,0)",) * 40)
+    placed = named_events(drawn(crowd, many, np.ones(40, bool)), 300)
+    assert 1 <= len(placed) < 10
+    assert not any(one.meets(other) for one in placed for other in placed if one is not other)
 
 
 def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
     attractor = replace(rattle.Gear(0.6, 0.1).attractors(64)[-1], kind="periodic", m=8, n_plus=8, n_minus=6)
     shown = rattle.Gear(0.6, 0.1).trajectory(attractor.tau, attractor.v, 24.0, 100)
-    assert "8 impacts on the wall Φ = β and 6 on Φ = −β every 8 forcing periods" in motion_caption(
-        shown, "it", attractor
+    assert "8 impacts on the wall Φ = β and 6 on Φ = −β every 8 revolutions" in motion_caption(
+        shown, "it", words.REVOLUTION, attractor
     )
+    assert "it: 1 impact on the wall" in motion_caption(shown, "it", words.PERIOD, replace(attractor, n_plus=1))
     cut = f"{np.count_nonzero(shown.impact_wall == 1)} impacts on the wall Φ = β"
     assert f"{cut} and 0 on Φ = −β in 24 forcing periods" in motion_caption(shown, "it")
 
@@ -241,7 +326,7 @@ def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch
     "state",
     [
         {}, {"attractor": "0"}, {"attractor": "3"}, {"tau": "0.25", "v": "4.5"}, {"direction": "delta"},
-        {"tolerance": "0.02,0.01,0.9"}, {"at": "0.25"},
+        {"tolerance": "0.02,0.01,0.9"}, {"at": "0.25"}, {"tab": "numbers"}, {"attractor": "3", "tab": "answer"},
     ],
 )  # fmt: skip
 def test_a_state_is_kept(state: dict[str, str]) -> None:
@@ -254,11 +339,23 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
         {"attractor": "x"}, {"attractor": "-1"}, {"attractor": "1e9"}, {"tau": "nan", "v": "4"}, {"tau": "0.5"},
         {"tau": "0.5", "v": "inf"}, {"tau": "1.5", "v": "3"}, {"tau": "0.5", "v": "0"}, {"tau": "0.5", "v": "1e300"},
         {"direction": "<script>"}, {"other": "1"}, {"tolerance": "0.1"}, {"tolerance": "1,2,nan"},
-        {"tolerance": "-1,1,0.9"}, {"at": "1.5"}, {"at": "nan"}, {"at": "x"},
+        {"tolerance": "-1,1,0.9"}, {"at": "1.5"}, {"at": "nan"}, {"at": "x"}, {"tab": "table"},
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
     assert PointState.read(state, 7.0) == PointState()
+
+
+@pytest.mark.parametrize(
+    ("state", "tab"),
+    [
+        ({}, "answer"), ({"attractor": "0"}, "motion"), ({"tau": "0.25", "v": "4.5"}, "motion"),
+        ({"direction": "delta"}, "diagram"), ({"to": "0.7,0.1"}, "diagram"), ({"span": "0.01"}, "diagram"),
+        ({"at": "0.25"}, "basins"), ({"attractor": "0", "tab": "basins"}, "basins"), ({"tab": "x"}, "answer"),
+    ],
+)  # fmt: skip
+def test_an_address_without_a_tab_opens_the_one_of_its_choice(state: dict[str, str], tab: str) -> None:
+    assert PointState.read(state, 7.0).open_tab == tab
 
 
 # The view
@@ -284,20 +381,15 @@ def coarse(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     return work(*arguments)
 
 
-def is_complete(view: PointView, side: int) -> bool:
-    texts = (
-        view.panel.likely,
-        view.panel.safe,
-        view.panel.under_basins,
-        view.panel.under_motion,
-        view.panel.under_diagram,
-        view.panel.loud,
-        view.panel.under_spectrum,
-    )
-    return (
-        all(text.html and "computing" not in text.html for text in texts)
-        and f"{side} ×" in view.panel.under_basins.html
-    )
+def is_filled(view: PointView, *texts: str) -> bool:
+    said = [getattr(view.panel, each).html for each in texts]
+    return all(each and "computing" not in each for each in said)
+
+
+async def opened(view: PointView, tab: str, *texts: str) -> None:
+    """Open a tab, and wait until it is filled."""
+    view.panel.on_tab(tab)
+    await eventually(lambda: is_filled(view, *texts))
 
 
 def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
@@ -326,14 +418,23 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
-        await eventually(lambda: is_complete(view, 600 // COARSER))
+        await eventually(lambda: is_filled(view, "likely", "safe", "loud", "loudest"))
+        assert set(computed) == {"The attractors", "The intensities", "The margin"}  # no picture
+        await opened(view, "basins", "under_basins")
+        await eventually(lambda: f"{600 // COARSER} ×" in view.panel.under_basins.html)
+        await opened(view, "motion", "under_motion", "under_spectrum")
+        await opened(view, "numbers", "events")
+        await opened(view, "diagram", "under_diagram")
         assert len(computed) == 8
         processes = set.union(*computed.values())
         assert os.getpid() not in processes  # the loop runs on
         assert len(processes) <= front.settings.max_points  # which stay warm
         assert "quietly in 7" in view.panel.likely.html
-        assert "<caption>Attractors from 1024 starts</caption>" in view.panel.table.html
+        assert "<caption>Attractors from 1,024 starts</caption>" in view.panel.table.html
         assert "chaotic" in view.panel.under_motion.html  # the first that is not quiet
+        assert view.panel.events.html.count("data-point") > 6
+        assert "<summary>All" in view.panel.events.html
+        view.panel.on_tab("answer")
         assert view.state == {}
         states: list[dict[str, str]] = []
         view.param.watch(lambda event: states.append(event.new), "state")
@@ -348,10 +449,14 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         await eventually(lambda: "damping δ" in view.panel.under_diagram.html)
         assert "direction=delta" in view.panel.take.html
         start = {"tau": "0.25", "v": "4.5"}
-        assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
+        assert states == [
+            {"attractor": "2", "tab": "motion"}, start | {"tab": "motion"},
+            start | {"direction": "delta", "tab": "diagram"},
+        ]  # fmt: skip
         again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
-        await eventually(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
         await eventually(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
+        again.panel.on_tab("motion")
+        await eventually(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
         assert again.panel.choice.value == view.panel.choice.value
         for each in (view, again):
             each.stop()
@@ -371,7 +476,9 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
         monkeypatch.setattr(view._work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
-        await eventually(lambda: is_complete(view, 40))
+        await eventually(lambda: is_filled(view, "likely", "safe", "loud"))
+        await opened(view, "basins", "under_basins")
+        await opened(view, "diagram", "under_diagram")
         assert "too long" in view.panel.safe.html
         assert "<b>" not in view.panel.safe.html
         assert 'role="alert"' in view.panel.safe.html
@@ -395,19 +502,18 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
     with_front(tmp_path, body)
 
 
-@pytest.mark.parametrize("epsilon", [0.08, float("nan")])
-def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tmp_path: Path, epsilon: float) -> None:
+def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
         panel, left = PointPanel("light"), list[str]()
         PointView(panel, front, 0.6, 0.1, Impacting(0.6)).stop()
         panel.safe.html = "safe so far"
         panel.where._model.on_change("text", lambda _attr, _old, _new: left.append(panel.safe.html))
-        PointView(panel, front, 0.55, epsilon, Impacting(0.6)).stop()
+        PointView(panel, front, 0.55, 0.08, Impacting(0.6)).stop()
         assert left == ["safe so far"]
-        assert panel.safe.html == ""
+        assert "margin" in panel.safe.html  # of the next one, that is computed
         assert panel.where.html
         panel.clear()  # a point that is closed
-        assert panel.where.html == ""
+        assert panel.where.html == panel.safe.html == ""
 
     with_front(tmp_path, body)
 
@@ -415,8 +521,35 @@ def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tm
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, delta, epsilon, Impacting(0.6))
-        assert "must" in view.panel.where.html
+        panel = PointPanel("light")
+        PointView(panel, front, 0.6, 0.1, Impacting(0.6)).stop()
+        view = PointView(panel, front, delta, epsilon, Impacting(0.6))
+        assert "must" in view.panel.likely.html
+        assert panel.where.html == panel.safe.html == ""
+        assert not view.go_through((0.6, 0.1))
+        view.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_path: Path) -> None:
+    cell = Exact().plane("quiet_fraction", 0).cell(0.6, 0.1)
+    assert cell is not None
+    surveyed = parts.chances_of_cell(cell, 64)
+    assert surveyed is not None
+
+    async def body(front: Front) -> None:
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
+        for model, at in ((Impacting(0.5), (0.6, 0.1)), (Impacting(0.6), (0.61, 0.1))):
+            view.tell_survey(model, at, surveyed)  # of another gear, or another point
+            assert "starts" not in view.panel.likely.html
+        view.tell_survey(Impacting(0.6), (0.6, 0.1), surveyed)
+        assert "from 64 starts" in view.panel.likely.html
+        assert "from the survey's grid cell" in view.panel.likely.html
+        await eventually(lambda: "from 1,024 starts" in view.panel.likely.html)
+        assert "grid cell" not in view.panel.likely.html
+        view.tell_survey(Impacting(0.6), (0.6, 0.1), surveyed)  # too late
+        assert "from 1,024 starts" in view.panel.likely.html
         view.stop()
 
     with_front(tmp_path, body)
@@ -434,8 +567,11 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(view._work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
         assert "stiffness κ = 10000" in view.panel.where.html
-        texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
-        await eventually(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))
+        await eventually(lambda: is_filled(view, "likely", "safe", "orbits"))
+        await opened(view, "basins", "under_basins")
+        await eventually(lambda: asked.count("The basins") == 3)
+        await opened(view, "motion", "under_motion", "under_spectrum")
+        await opened(view, "diagram", "under_diagram")
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
         assert words.percent(quiet.fraction) in view.panel.likely.html

@@ -106,7 +106,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         await eventually(lambda: shown._plane is not None and shown._plane.plane.name == "region")
         page = Page(shown)
         section = page.section
-        panel, fields = section.above.panel, (section._delta, section._epsilon)
+        panel, fields = section.below.panel, (section._delta, section._epsilon)
         section.follow(View(survey=job.id, variable="region"), job)
         assert not panel.visible  # no point, no diagram
         page.keep(point=(0.52, 0.06), point_state={"to": "0.68,0.14"})
@@ -120,7 +120,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         assert (data["value"][0], data["what"][0]) == (region, rattle.REGIONS[region])
         axis = section._picture.figure.yaxis
         assert axis.major_label_overrides[region] == rattle.REGIONS[region]
-        picture = DiagramPicture("light", section.above.x_range)
+        picture = DiagramPicture("light", section.below.x_range)
         assert picture.figure.x_range is section._picture.figure.x_range
         assert picture.figure.min_border_left == section._picture.figure.min_border_left
         section._variable.value = "attractor_kind,1"
@@ -143,8 +143,8 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         assert NO_WAY in section._said.html
         assert page.asked[-1] == (0.68, 0.1)
         page.keep(point_state={"direction": "delta", "span": "0.03"})
-        await eventually(lambda: section.above.x_range.start == pytest.approx(0.49))
-        assert section.above.x_range.end == pytest.approx(0.55)
+        await eventually(lambda: section.below.x_range.start == pytest.approx(0.49))
+        assert section.below.x_range.end == pytest.approx(0.55)
         page.keep(point=None)
         assert not panel.visible
 
