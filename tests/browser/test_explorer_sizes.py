@@ -29,6 +29,12 @@ BAR = """() => {
 }"""
 
 
+def height_of(page: Page, text: str) -> float:
+    """Where a text begins, from above; −1 while it is not drawn."""
+    box = page.get_by_text(text).bounding_box()
+    return -1.0 if box is None else box["y"]
+
+
 def test_no_screen_is_too_small_and_an_open_point_hides_nothing(page: Page, service: str) -> None:
     open_view(page, service, point="0.6,0.1", **{"p.tab": "motion"})
     expect(page.locator(".beside")).to_contain_text("Damping δ = ")
@@ -46,9 +52,9 @@ def test_no_screen_is_too_small_and_an_open_point_hides_nothing(page: Page, serv
             assert at[".side"][2] <= at[".middle"][0]
         if width < 1200:  # the point is a sheet at the lower edge
             assert at[".beside"][3] == height
-            answer = page.get_by_text("Damping δ = ").bounding_box()
-            assert answer is not None
-            assert at[".beside"][1] < answer["y"] < height
+            wait_until(
+                lambda top=at[".beside"][1], height=height: top < height_of(page, "From a random start") < height
+            )
         expect(page.get_by_role("button", name="New survey", exact=True)).to_be_visible()
         expect(page.locator("button.survey").first).to_be_visible()
         if width < 900:

@@ -53,7 +53,7 @@ def test_a_run_on_a_full_disk_is_resumed(disk: Path, tmp_path: Path, expected: d
     full = finish(*command, settings=faults.environment)
     assert full.returncode == 2, full.stderr
     assert "No space left on device" in full.stderr
-    assert "make room" in full.stderr
+    assert "free space" in full.stderr
     assert "Traceback" not in full.stderr
     done = len(tiles_done(REQUEST, out))
     assert 0 < done < N_TILES

@@ -28,6 +28,7 @@ from rattle.impacting.map.iterate import working_block
 from rattle.inelastic.attractors.settle import ContactStates, label_contacts, measure, resolve_contacts, settle
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map.cells import InelasticCells, cells_with, inelastic_cells
+from rattle.inelastic.map.harmonics import forcing_shape
 from rattle.inelastic.map.iterate import returned_states
 from rattle.parameters import Parameters
 
@@ -68,7 +69,7 @@ class InelasticClassifier(Classifier):
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
         self.doubts = np.ones(room[0], np.int64)  # twice as many each time that something left a cell's chaos
-        self.in_lanes = (cells.load == 0.0) & (cells.shape.shape[1] == 1)
+        self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
 
     model = "inelastic"
@@ -143,7 +144,7 @@ class InelasticClassifier(Classifier):
         others = begun(cell, samples.tau[which], samples.v[which] * beside, most)
         self.settle(np.arange(cell.size), others)
         status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
-        ended = status != Outcome.UNRESOLVED
+        ended = (status == Outcome.QUIET) | (status == Outcome.PERIODIC)
         slowly = ended & (status != Outcome.QUIET) & (others.pause != CONTACT).reshape(-1, PROBES)
         for i, each in enumerate(left.each()):
             if not ended[i].any():
