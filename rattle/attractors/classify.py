@@ -319,20 +319,37 @@ class Classifier(ABC):
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
-        left, samples = self.left_in(cells), self.samples
-        each, size = np.arange(first, last), left.size[:, None]
-        which = left.which[left.starts[:, None] + each % size].ravel()
-        beside = (each // size).ravel().astype(np.float64)
-        cell, fresh = samples.cell[which], beside > 0
-        most = np.repeat(left.largest(samples.impacts), each.size)
-        v = samples.v[which] * (1.0 + BESIDE * beside)
-        gone = np.zeros(which.size, np.bool_)
-        others = begun(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh])
+        left, each = self.left_in(cells), np.arange(first, last)
+        others = self.states_beside(left, each, left.largest(self.samples.impacts))
+        fresh = (each >= left.size[:, None]).ravel()  # the others are the samples themselves
+        gone, others = np.zeros(fresh.size, np.bool_), others.take(fresh)
         self.settle(np.arange(others.cell.size), others)
         strong = ~self.weak[others.cell]  # elsewhere the larger crowd makes up for it
         chattering = self.may_rest(others.cell, others.time, PERIODS * self.longer[others.cell])
         gone[fresh] = (others.status != Outcome.UNRESOLVED) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
+
+    def states_beside(self, left: Sets, number: NDArray[np.int64], most: NDArray[np.int64]) -> Trajectories:
+        """Return states at what is left of each cell in turn, and from the second turn on beside it.
+
+        Parameters
+        ----------
+        left : Sets
+            The unresolved samples of n cells.
+        number : ndarray of int, (k,) or (n, k)
+            The number of each state, counted through those turns.
+        most : ndarray of int, (n,)
+            Impacts that a state of each cell may make.
+
+        Returns
+        -------
+        Trajectories
+            n·k states, cell by cell.
+        """
+        turn, place = np.divmod(number, left.size[:, None])
+        which, samples = left.which[left.starts[:, None] + place].ravel(), self.samples
+        v = samples.v[which] * (1.0 + BESIDE * turn.ravel())
+        return begun(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
 
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BESIDE, BUDGET, STAGES, Classifier, Seen, begun
+from rattle.attractors.classify import BUDGET, STAGES, Classifier, Seen
 from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, of_samples
@@ -68,6 +68,7 @@ class InelasticClassifier(Classifier):
         given = cells.delta, cells.epsilon, cells.beta, cells.quiet_invariant, cells.restitution, cells.capture
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
+        self.is_lossy = cells.restitution < 1.0
         self.doubts = np.ones(room[0], np.int64)  # twice as many each time that something left a cell's chaos
         self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
@@ -111,17 +112,16 @@ class InelasticClassifier(Classifier):
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return the cells that leak otherwise than by contact."""
-        return super().may_leak(cells) & ((self.cells.restitution[cells] == 1.0) | self.weak[cells])
+        return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return the cells with elastic impacts: where contact takes samples, `judge` need not wait."""
-        return np.asarray(self.cells.restitution[cells] == 1.0)
+        return ~self.is_lossy[cells]
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Decide what is left in these cells, as in any gear, and whether contact takes it."""
         decided = super().judge(cells)
-        left = (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
-        lossy = left & (self.cells.restitution[cells] < 1.0)
+        lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
         return decided
 
@@ -135,14 +135,10 @@ class InelasticClassifier(Classifier):
         """
         if not cells.size:
             return decided
-        left, number, samples = self.left_in(cells), np.arange(PROBES), self.samples
-        size = left.size[:, None]
-        which = left.which[left.starts[:, None] + number % size].ravel()
-        beside = 1.0 + BESIDE * (1 + number // size).ravel()
-        cell = samples.cell[which]
-        most = self.most(EXPOSURE // PROBES * self.doubts[cell], cell)
-        others = begun(cell, samples.tau[which], samples.v[which] * beside, most)
-        self.settle(np.arange(cell.size), others)
+        left, samples = self.left_in(cells), self.samples
+        number, most = left.size[:, None] + np.arange(PROBES), self.most(EXPOSURE // PROBES * self.doubts[cells], cells)
+        others = self.states_beside(left, number, most)
+        self.settle(np.arange(others.cell.size), others)
         status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
         ended = (status == Outcome.QUIET) | (status == Outcome.PERIODIC)
         slowly = ended & (status != Outcome.QUIET) & (others.pause != CONTACT).reshape(-1, PROBES)

@@ -58,7 +58,7 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
     Returns
     -------
     bool | None
-        False if one is outside, None if it is not told.
+        False if one is outside, None if undecided.
     """
     if letter == "A":
         return False  # X < 0: its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E

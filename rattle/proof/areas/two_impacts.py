@@ -204,7 +204,7 @@ class SolutionCell:
         Returns
         -------
         bool | None
-            False if none of them is and does, None if it is not told.
+            False if none of them is and does, None if undecided.
         """
         if self.empty(epsilon) or (self.solvable and -RISES[letter] * self.rise > 0):
             return False

@@ -47,9 +47,8 @@ class MapAxes:
         for pair in (self._own, self._second):
             for axis, span, name in zip(pair, self._spans, NAMES, strict=True):
                 axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
-                axis.major_label_policy = (
-                    NoOverlap()
-                )  # on a telephone those of small dampings would lie over each other
+                # On a telephone labels of small dampings would lie over each other.
+                axis.major_label_policy = NoOverlap()
                 naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
                 span.js_on_change("start", naming)
                 span.js_on_change("end", naming)

@@ -15,11 +15,12 @@ from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.design.axes import in_revolutions, written
 from gear_rattle.service.explorer.design.fields import NUMBERS, in_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
+from gear_rattle.service.explorer.point.parts import listed_in
 from gear_rattle.workers import QUANTITIES
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
-from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS, STATUS
+from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import Model
 from rattle.plot import legend_name
@@ -138,13 +139,7 @@ def _attractors(cell: xr.Dataset) -> str:
     head = ["attractor", "share"]
     exponents, families = "attractor_lyapunov" in cell, FAMILY in cell
     rows = []
-    for slot in range(cell.sizes["attractor"]):
-        one = cell.isel(attractor=slot)
-        kind = KINDS[int(one["attractor_kind"])]
-        if kind == "none":
-            continue
-        label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
-        contacts = int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
+    for one, kind, label, contacts in listed_in(cell):
         row = [legend_name(label, contacts) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")

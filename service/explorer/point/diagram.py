@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.point.words import counted, number, pair, tabl
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
-EVENT, MOST_TOLD = "#f2c14e", 4  # colour of events, and how many of them are told of one place
+EVENT, MOST_LISTED = "#f2c14e", 4  # colour of events, and the most that one tooltip lists
 HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 INFINITE = 1e12  # multipliers beyond are infinite: at a graze
@@ -59,7 +59,7 @@ class DiagramPicture:
         # Each has one tooltip, on a side of its own: neither covers the other.
         of_motions = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
         of_events = [("event", "@what"), ("at", "@x{%.7g}"), ("v", "@v{%.5g}"), ("τ", "@tau{%.4f}")]
-        for what, tooltips, side, limit in ((drawn, of_motions, "left", 1), (marked, of_events, "right", MOST_TOLD)):
+        for what, tooltips, side, limit in ((drawn, of_motions, "left", 1), (marked, of_events, "right", MOST_LISTED)):
             formatters: Any = {text.split("{")[0]: "printf" for _, text in tooltips if "{" in text}
             place: Any = {"attachment": side, "limit": limit}
             hover = HoverTool(renderers=[what], tooltips=tooltips, formatters=formatters, **place)

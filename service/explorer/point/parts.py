@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,21 +134,26 @@ class DiagramLines(NamedTuple):
     upward: NDArray[np.bool_]
 
 
-def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
-    """Return the attractors of a survey's cell, None unless it lists all that its sample went to."""
-    if not set(cell.data_vars) >= CELL_NAMES:
-        return None
-    found = []
+def listed_in(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, int, int], int]]:
+    """Yield the attractors that a survey's cell lists: what it holds of each, its kind, (m, n₊, n₋), contact phases."""
     for slot in range(cell.sizes["attractor"]):
         one = cell.isel(attractor=slot)
         kind = rattle.KINDS[int(one["attractor_kind"])]
         if kind != "none":
-            share, nan = float(one["attractor_fraction"]), float("nan")
-            low, high = rattle.wilson_interval(share * starts, starts)
             label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
-            contacts = int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
-            interval = float(low), float(high)
-            found.append(rattle.Attractor(kind, *label, share, interval, (nan, nan), nan, nan, nan, contacts))
+            yield one, kind, label, int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
+
+
+def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
+    """Return the attractors of a survey's cell, None unless it lists all that its sample went to."""
+    if not set(cell.data_vars) >= CELL_NAMES:
+        return None
+    found, nan = [], float("nan")
+    for one, kind, label, contacts in listed_in(cell):
+        share = float(one["attractor_fraction"])
+        low, high = rattle.wilson_interval(share * starts, starts)
+        interval = float(low), float(high)
+        found.append(rattle.Attractor(kind, *label, share, interval, (nan, nan), nan, nan, nan, contacts))
     if not abs(sum(each.fraction for each in found) - 1.0) < 0.5 / starts:
         return None
     found.sort(key=lambda each: -each.fraction)

@@ -107,7 +107,7 @@ class Cell(ParameterBox):
         return less(self.mixed(1), low) or less(self.mixed(-1), -high)
 
     def holds(self, rises: int, low: Interval, high: Interval) -> bool | None:
-        """Return whether all solutions with ε² between these happen and have such an ε(s); None if it is not told."""
+        """Return whether all solutions with ε² between these happen and have such an ε(s); None if undecided."""
         if self.lacks(low, high) or (self.solvable and less(rises * self.e.s, ZERO)):
             return False
         if not (self.solvable and less(ZERO, rises * self.e.s) and less(ZERO, self.v.x)):
