@@ -69,7 +69,7 @@ def test_a_second_service_is_refused_by_data_directory_and_by_database(tmp_path:
         assert database.jobs(1) == ([], 0)
     if database_url.startswith("sqlite"):  # the same on PostgreSQL
         with DataDirectory(tmp_path / "first").locked():
-            assert_refused(tmp_path / "first", None, "Another server uses the data directory")
+            assert_refused(tmp_path / "first", None, "Another service uses the data directory")
 
 
 def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
     environment = ENVIRONMENT | {"RATTLE_DATA": str(tmp_path), "RATTLE_SCHEDULER": NO_CLUSTER}
     with running(*arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         said, _ = process.communicate(timeout=HANG)  # it ends, though one of the workers could have gone on
-    assert "Another server uses the data directory" in said
+    assert "Another service uses the data directory" in said
     assert "start uvicorn without --workers" in said
 
 

@@ -103,7 +103,7 @@ def test_of_a_machine_intensities_are_in_si_units_too(client: TestClient) -> Non
         ("attractors", SI | {"backlash": 0.1}, "for 0.1 mm give 0.0001"),
         ("attractors", {name: SI[name] for name in SI if name != "rpm"}, "query.rpm"),
         ("attractors", {"epsilon": 0.1}, "query.delta"),
-        ("intensity", PLAIN | SI, "exclude each other: give one"),
+        ("intensity", PLAIN | SI, "exclude each other: give"),
         ("intensity", PLAIN | {"count": 10**9}, "count may be at most"),
         ("intensity", {}, "query.delta"),
     ],

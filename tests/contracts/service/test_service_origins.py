@@ -233,5 +233,5 @@ def test_websockets_are_refused_like_writes(
         with pytest.raises(WebSocketDisconnect) as refused, each.websocket_connect("/explorer", headers=headers):
             pass
         assert refused.value.code == 1008
-    assert "a websocket was refused: A page of another site may not write here" in caplog.text
+    assert "a websocket was refused: A page of another site may not change this service" in caplog.text
     assert "http://evil.example" in caplog.text
