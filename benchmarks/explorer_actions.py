@@ -1,11 +1,11 @@
-"""Measure many actions in the explorer: memory of the service, and how long it and the page are blocked.
+"""Measure many actions in the explorer: the memory of the service, and how long the service and the page are blocked.
 
     python benchmarks/explorer_actions.py [--actions 1000] [--every 200] [--chromium PATH] [--data PATH]
 
-Drives pages in Chromium through the same actions in the same order every time: other maps, surveys and slices, lines,
-zoom, keys, points with their basins and diagrams, the form, pages loaded anew and closed. Prints the memory of the
-service's processes (PSS), and by action the longest task of the page's main thread and the longest step of the
-service's event loop, both by the clock; for the loop also by the processor time of its thread, which depends less on
+A visitor in Chromium does random actions, the same in every run: choose maps, surveys and slices, show lines, zoom,
+press keys, click points, draw cross-sections, open the form, reload and close pages. The program prints the memory of
+the service's processes (PSS). For each kind of action, it prints the longest task of the page's main thread and the
+longest step of the service's event loop, in wall-clock time and in processor time of the thread, which depends less on
 other programs.
 """
 
@@ -31,9 +31,9 @@ from explorer_times import CHROMIUM, FLAGS, PLACE, wait_until
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, TimeoutError, sync_playwright
 from server import server
 
-VISIT = 25  # actions of a page, after which another one is opened, by somebody without a memory
+VISIT = 25  # actions on a page, after which a page is opened in a new browser context, without cache and cookies
 PAUSE_MS, PATIENCE_MS = 100, 30_000
-GONE_MS = 3000  # for what may not be there any more
+GONE_MS = 3000  # wait for an element that may have disappeared
 PLANE = {"delta": {"start": 0.4, "stop": 1.0}, "epsilon": {"start": 0.005, "stop": 0.3}}
 SURVEYS: tuple[dict[str, Any], ...] = (
     {"name": "all", "num": 40, "quantities": ["region", "orbits", "attractors", "lyapunov", "intensity"]},
@@ -41,7 +41,7 @@ SURVEYS: tuple[dict[str, Any], ...] = (
     {"name": "slices", "num": 24, "quantities": ["region"], "beta": {"start": 0.4, "stop": 0.8, "num": 3}},
     {"name": "stiff", "num": 16, "quantities": ["region", "attractors"], "model": "stiff", "kappa": 2e4},
 )
-TASKS = ["disabled-by-default-devtools.timeline"]  # of what the browser traces: each task of a page's main thread
+TASKS = ["disabled-by-default-devtools.timeline"]  # category of traces with each task of a page's main thread
 MAIN_THREAD = "CrRendererMain"
 DRAWN = """() => {
   const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)
@@ -54,12 +54,12 @@ WHOLE = """({delta, epsilon}) => {
   return holds(map.x_range, delta) && holds(map.y_range, epsilon)
 }"""
 IDLE = "() => Bokeh.documents.every((each) => each.is_idle)"
-LISTED = 12  # steps of the event loop, the longest
-POLL_MS = 50  # not at every frame: a browser under load may paint none
+LISTED = 12  # longest steps of the event loop that are printed
+POLL_MS = 50  # Playwright polls at every frame by default, and a browser under load may paint none
 
 
 def submitted(url: str) -> list[str]:
-    """The ids of the surveys, which are done."""
+    """Submit the surveys, wait until they are done, and return their ids."""
     links = []
     for survey in SURVEYS:
         axes = {axis: span | {"num": survey["num"]} for axis, span in PLANE.items()}
@@ -90,8 +90,13 @@ class Visitor:
         self._kinds = often + often + seldom
 
     def act(self) -> tuple[str, float, float]:
-        """Do something: what, and of the longest tasks of the page's main thread the milliseconds by the clock, and of
-        the thread.
+        """Do one action.
+
+        Returns
+        -------
+        :
+            Name of the action, and the longest task of the page's main thread: milliseconds of wall-clock time, and of
+            processor time of the thread.
         """
         if not self._left:
             kind: Callable[[], None] = self.arrive
@@ -110,7 +115,7 @@ class Visitor:
         return kind.__name__.replace("_", " "), *longest_task(self._browser.stop_tracing())
 
     def leave(self) -> None:
-        """Close the browser's window."""
+        """Close the browser context."""
         if self._context is not None:
             self._context.close()
 
@@ -137,7 +142,7 @@ class Visitor:
             self._select(choice, index=index)
 
     def _select(self, choice: Locator, **what: Any) -> None:
-        with suppress(TimeoutError):  # another map has just taken it away
+        with suppress(TimeoutError):  # the element has just disappeared with another map
             choice.select_option(**what, timeout=GONE_MS)
 
     def survey(self) -> None:
@@ -170,7 +175,7 @@ class Visitor:
         self._page.mouse.click(*self._place())
         try:
             self._page.locator(".beside", has_text="Damping δ = ").wait_for(timeout=GONE_MS)
-        except TimeoutError:  # outside of the map
+        except TimeoutError:  # the click was outside of the map
             return
         self._page.wait_for_timeout(10 * PAUSE_MS)
 
@@ -188,8 +193,8 @@ class Visitor:
         self._page.locator("button", has_text="Close the form").click()
 
     def _place(self) -> tuple[float, float]:
-        """Somewhere on the map of the whole survey, on the screen."""
-        self._on_map("0")  # the service sets the window: what is computed before may be anywhere on the page
+        """Show the whole survey, and return the screen coordinates of a random point on its map."""
+        self._on_map("0")  # the service sets the window; coordinates that were computed before no longer hold
         self._page.wait_for_function(WHOLE, arg=PLANE, polling=POLL_MS)
         at = self._chance.uniform(0.45, 0.95), self._chance.uniform(0.03, 0.27)
         x, y = self._page.evaluate(PLACE, at)
@@ -202,7 +207,7 @@ class Visitor:
 
 
 def longest_task(trace: bytes) -> tuple[float, float]:
-    """Milliseconds by the clock, and of the thread, of the longest tasks of the main threads of all pages."""
+    """Return milliseconds of wall-clock and of thread time of the longest tasks of the pages' main threads."""
     events = json.loads(trace)["traceEvents"]
     named = (each for each in events if each["name"] == "thread_name" and each["args"]["name"] == MAIN_THREAD)
     pages = {(each["pid"], each["tid"]) for each in named}
@@ -212,31 +217,31 @@ def longest_task(trace: bytes) -> tuple[float, float]:
 
 
 def memory(service: psutil.Process) -> tuple[float, float]:
-    """MiB of the service's process, and of all those that it has started."""
+    """Return the memory of the service's process, and of all its descendants together, in MiB."""
     found = []
     for process in (service, *service.children(recursive=True)):
         try:
             found.append(process.memory_full_info().pss / 2**20)
-        except psutil.NoSuchProcess:  # meanwhile
+        except psutil.NoSuchProcess:  # it has ended meanwhile
             found.append(0.0)
     return found[0], sum(found[1:])
 
 
 class Steps:
-    """The long steps of the event loop, which the process of the service writes down (benchmarks/held.py)."""
+    """The long steps of the service's event loop, which benchmarks/held.py writes to a file in the service."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._read = path, 0
 
     def new(self) -> list[tuple[float, float, str]]:
-        """Milliseconds of the thread and by the clock, and whose, since the last time."""
+        """Return the steps since the last call: milliseconds of thread and of wall-clock time, and what ran."""
         lines = self._path.read_text().splitlines()[self._read :]
         self._read += len(lines)
         return [(1e3 * work, 1e3 * clock, whose) for work, clock, whose in map(json.loads, lines)]
 
 
 def main() -> None:
-    """Act, measure, and print."""
+    """Do the actions, and print the measured values."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--actions", type=int, default=1000)
     parser.add_argument("--every", type=int, default=200, help="actions between two readings of the memory")

@@ -1,9 +1,9 @@
-"""How long the explorer keeps a viewer waiting: the first map, and a click, in Chromium against a real server.
+"""Measure how long a viewer of the explorer waits for the first map and after a click, in Chromium.
 
     python benchmarks/explorer_times.py [--side 600] [--trials 7] [--chromium PATH]
 
-Prints medians and ranges in milliseconds, as the page's own clock sees them, frame by frame; of every step also the
-time that the server's process and the page's main thread were at work, which depends less on others.
+The program prints medians and ranges in milliseconds by the page's clock, to the frame. For every step it also prints
+how long the server's process and the page's main thread were busy, which depends less on other programs.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ import psutil
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 from server import server
 
-#: The one that times were measured with, or what tests use where that is not there.
+#: The browser with which the published times were measured, or, if it is not installed, the one that tests use.
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-headless-shell")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
-POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
+POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # (δ, ε) of the clicks, in this order
 PARTS = ("words", "empty", "surveyed", "probability", "everything")
-IDLE, PATIENCE = 200.0, 30  # milliseconds of work in a second, and seconds until then
+IDLE, PATIENCE = 200.0, 30  # at most so many ms of work in a second count as idle; seconds to wait for that
 
-#: Notes, at every frame, since when something has been on the screen.
+#: Script of the page that records, at every frame, when each part has appeared on the screen.
 WATCH = r"""
 window.seen = {}
 const text = (node) => node.nodeType === 3 ? node.data : node.tagName === "STYLE" || node.tagName === "SCRIPT" ? "" :
   [...(node.shadowRoot?.childNodes ?? []), ...node.childNodes].map(text).join("")
-const steps = {  // of the view of a point, one after the other
+const steps = {  // parts of the view of a point, in the order in which they appear
   words: (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005,
-  empty: (all) => !/margin of quiet|No impact slower|margin is 0/.test(all),  // of what the point before had
+  empty: (all) => !/margin of quiet|No impact slower|margin is 0/.test(all),  // without words of the previous point
   surveyed: (all) => /random start|every start|random starts/.test(all),
   probability: (all) => steps.surveyed(all) && !all.includes("survey's grid cell"),
   everything: (all) => /margin of quiet|No impact slower|margin is 0|cannot be told/.test(all),
@@ -49,7 +49,7 @@ function look() {
     map.renderers.some((each) => each.name?.startsWith("cells") && each.data_source.data.image.length)
   if (drawn && !seen.drawn) seen.drawn = true  // the next frame has it on the screen
   else if (drawn && !seen.map) seen.map = performance.now()
-  if (window.clicked?.at && !("everything" in clicked)) {  // to look costs a third of the page's time
+  if (window.clicked?.at && !("everything" in clicked)) {  // searching the text takes a third of the page's time
     const all = [...document.querySelectorAll(".beside")].map(text).join("")
     const now = performance.now() - clicked.at
     for (const [name, holds] of Object.entries(steps)) {
@@ -70,14 +70,14 @@ PLACE = """([delta, epsilon]) => {
 
 
 class Work:
-    """Milliseconds that the server's process and the main thread of a page have been at work."""
+    """Processor time of the server's process, and busy time of the main thread of a page, in milliseconds."""
 
     def __init__(self, server: psutil.Process, cdp: CDPSession) -> None:
         self._server, self._cdp = server, cdp
         cdp.send("Performance.enable")
 
     def now(self) -> tuple[float, float]:
-        """(server, page), since they began."""
+        """Return both times (server, page) since their start."""
         times = self._server.cpu_times()
         metrics = {each["name"]: each["value"] for each in self._cdp.send("Performance.getMetrics")["metrics"]}
         return 1e3 * (times.user + times.system), 1e3 * metrics["TaskDuration"]
@@ -97,7 +97,7 @@ class Table(dict[str, list[float]]):
 
 
 def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
-    """Poll until the condition is true; its value."""
+    """Poll until the condition is true, and return its value."""
     deadline = time.monotonic() + seconds
     while not (value := condition()):
         assert time.monotonic() < deadline, "it took too long"
@@ -106,7 +106,7 @@ def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
 
 
 def submitted(url: str, side: int) -> str:
-    """The id of a survey of side × side cells that is done."""
+    """Submit a survey of side × side cells, wait until it is done, and return its id."""
     body = {
         "delta": {"start": 0.4, "stop": 1.0, "num": side},
         "epsilon": {"start": 0.005, "stop": 0.3, "num": side},
@@ -119,7 +119,7 @@ def submitted(url: str, side: int) -> str:
 
 
 def settled(page: Page, work: Work) -> None:
-    """Wait until neither the server nor the page has much to do."""
+    """Wait until the server and the page are idle."""
     before = work.now()
     for _ in range(PATIENCE):
         page.wait_for_timeout(1000)
@@ -130,7 +130,7 @@ def settled(page: Page, work: Work) -> None:
 
 
 def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, worked: Table) -> None:
-    """One visitor without a memory: the first map, the same again, and some clicks."""
+    """Measure one visit in a new browser context, without a cache: the first map, the same map again, and clicks."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     context.set_default_timeout(120_000)
     try:
@@ -144,7 +144,7 @@ def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, wo
                 worked.add(f"{name}: {whose}", later - earlier)
 
         for name in ("first map", "map again"):
-            before = work.now()[0], 0.0  # a new page
+            before = work.now()[0], 0.0  # the times of a new page begin at zero
             page.goto(url)
             page.wait_for_function("() => seen.map")
             waited.add(name, page.evaluate("seen.map"))
@@ -164,7 +164,7 @@ def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, wo
 
 
 def main() -> None:
-    """Measure, and print."""
+    """Measure the visits, and print the times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--side", type=int, default=600, help="cells along each axis of the survey")
     parser.add_argument("--trials", type=int, default=7)

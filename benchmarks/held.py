@@ -1,4 +1,4 @@
-"""How long the event loop of a service is held: imported by the process of the service that is measured."""
+"""Record long steps of a service's event loop. The process of the measured service imports this module."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import json
 import time
 from pathlib import Path
 
-LEAST = 0.05  # seconds; less is not noted
+LEAST = 0.05  # steps that take less than this many seconds are not recorded
 
 
 def note(path: Path) -> None:
-    """Write each long step of the event loop to a file, a line of JSON: seconds of the thread, of the clock, whose."""
-    run = asyncio.Handle._run  # the loop looks it up in the class
+    """Write each long step of the event loop to a file, as a JSON line: thread's seconds, clock's seconds, and name."""
+    run = asyncio.Handle._run  # the event loop calls this method of the class for each step
     lines = path.open("a", buffering=1)
 
     def timed(handle: asyncio.Handle) -> None:

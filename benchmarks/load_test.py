@@ -1,9 +1,9 @@
-"""A service under load: submissions, readers and watchers while a survey runs, and a survey of a million cells.
+"""Measure a service under load: submissions, readers and event streams during a survey; and a survey of 10⁶ cells.
 
     python benchmarks/load_test.py [--seconds 20] [--watchers 200] [--rate 50]
 
-Starts a server on loopback with two workers, and prints latencies in milliseconds, memory and processor time of the
-front end, and the load of the machine, without which the figures mean little.
+The program starts a service on loopback with two workers. It prints latencies in milliseconds, memory and processor
+time of the service, and the load average of the computer, without which the figures mean little.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import httpx
 import psutil
 from server import server
 
-BUSY = {  # chaotic everywhere: several tiles a second for longer than the test
+BUSY = {  # chaotic everywhere: it takes longer than the test, with several tiles a second
     "delta": {"start": 0.4, "stop": 1.0, "num": 400},
     "epsilon": {"start": 0.2, "stop": 0.3, "num": 400},
     "tile": {"delta": 8, "epsilon": 8},
@@ -42,10 +42,10 @@ SMALL = {
 
 
 class Latencies(list[float]):
-    """Milliseconds."""
+    """A list of latencies in milliseconds."""
 
     async def of(self, call: Awaitable[httpx.Response], *statuses: int) -> httpx.Response:
-        """Wait for an answer, which must have one of these statuses."""
+        """Wait for an answer, record its latency, and require one of some statuses."""
         began = time.perf_counter()
         answer = await call
         self.append((time.perf_counter() - began) * 1000)
@@ -61,9 +61,9 @@ class Latencies(list[float]):
 
 
 async def watch(url: str, path: str, delays: Latencies, counts: list[int]) -> None:
-    """Follow a survey: milliseconds from the commit of an event to its arrival, which the file of the service tells.
+    """Follow the events of a survey, and record the milliseconds from an event's time stamp to its arrival.
 
-    By hand: a client library would spend longer on an event than the service, and its own delay is not to be measured.
+    HTTP is written by hand here, because a client library would take longer for an event than the service.
     """
     host, port = url.removeprefix("http://").split(":")
     reader, writer = await asyncio.open_connection(host, int(port))
@@ -80,7 +80,7 @@ async def watch(url: str, path: str, delays: Latencies, counts: list[int]) -> No
 
 
 async def regularly(rate: float, stop: asyncio.Event, act: Callable[[int], Coroutine[Any, Any, None]]) -> None:
-    """Call at a fixed rate, whether earlier calls have ended or not."""
+    """Call `act` at a fixed rate, even if earlier calls have not ended."""
     tasks, began, number = set[asyncio.Task[Any]](), time.perf_counter(), 0
     while not stop.is_set():
         tasks.add(asyncio.create_task(act(number)))
@@ -90,7 +90,7 @@ async def regularly(rate: float, stop: asyncio.Event, act: Callable[[int], Corou
 
 
 async def load(url: str, front: psutil.Process, seconds: float, watchers: int, rate: float) -> None:
-    """Submissions, documents, lists and watchers at once while a survey runs."""
+    """Submit surveys, read documents and lists, and follow events, all at once while a survey runs."""
     limits = httpx.Limits(max_connections=None, max_keepalive_connections=100)
     submitted, shown, listed, delays, counts = Latencies(), Latencies(), Latencies(), Latencies(), [0]
     async with httpx.AsyncClient(base_url=url, timeout=60, limits=limits) as client:
@@ -130,7 +130,7 @@ async def load(url: str, front: psutil.Process, seconds: float, watchers: int, r
 
 
 async def million(url: str, front: psutil.Process, seconds: float) -> None:
-    """A survey of 10⁶ cells: the memory of the front end while it is run, listed, watched and served."""
+    """Measure the memory of the service while a survey of 10⁶ cells is computed, listed, followed and read."""
     async with httpx.AsyncClient(base_url=url, timeout=120) as client:
         path = (await client.post("/v1/surveys", json=MILLION)).headers["location"]
         counts, memory = [0], []

@@ -1,9 +1,10 @@
-"""How many filled cells of a refined survey are wrong: `python benchmarks/refined.py STORE --cells 200000`.
+"""Count wrong cells among the filled cells of a refined survey: `python benchmarks/refined.py STORE --cells 200000`.
 
-Filled cells are drawn at random and computed in full, with initial conditions of their own, by what knows nothing of
-surveys: a model's `attractors_of` and `period_one`. A cell is wrong if that finds an attractor that the store does not
-have there, another region, or no quiet motion or chaos of which the store says so much that no sample of so many could
-have missed it. Of a survey that is not finished, finished tiles are looked at. Prints a line for each.
+Filled cells are drawn at random and computed with other initial conditions, with a model's `attractors_of` and
+`period_one`, which do not depend on the code of surveys. A cell is wrong if the computation finds an attractor that the
+store does not have in the cell, or another region, or if it does not find a motion whose stored fraction is so large
+that chance does not explain that. Only finished tiles of an unfinished survey are examined. The program prints a line
+for each kind of error.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ import rattle
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.survey.refined.audit import upper_share
 
-AT_ONCE = 500  # cells that a process computes at a time
-SURELY = 1e-3  # how seldom a sample misses by chance what it is said to have missed
+AT_ONCE = 500  # a process computes at most this many cells at a time
+SURELY = 1e-3  # a missing motion is an error if chance explains it with less than this probability
 LABEL = "m", "n_plus", "n_minus"
 KINDS = "quiet", "chaotic", "undecided"
 READ = (
@@ -34,8 +35,10 @@ READ = (
 
 
 class Drawn(NamedTuple):
-    """Cells (k,), what the store has there, and what is asked for to compute them: of the kinds their shares, of the
-    slots (k, slots) their labels by number, 0 where none is periodic.
+    """Drawn cells (k,) of a survey, with the values in the store.
+
+    region: their regions, or None. labels (k, slots): a number for the label of each periodic attractor, else 0.
+    shares: the fraction of each kind, by its name. unlisted: the fraction of attractors beyond the slots.
     """
 
     request: SurveyRequest
@@ -49,14 +52,14 @@ class Drawn(NamedTuple):
 
 
 def number(*label: np.ndarray) -> np.ndarray:
-    """One number for each label; m, n_plus and n_minus are below 2²⁰."""
+    """Return a number for each label (m, n_plus, n_minus), whose parts are below 2²⁰."""
     m, n_plus, n_minus = (np.asarray(part, np.int64) for part in label)
     found: np.ndarray = ((m << 20 | n_plus) << 20) | n_minus
     return found
 
 
 def drawn(survey: xr.Dataset, cells: int, seed: int) -> Iterator[Drawn]:
-    """Filled cells of a survey at random, each once, at most AT_ONCE at a time; those of a tile one after the other."""
+    """Draw filled cells of a survey at random, and yield them tile by tile, at most AT_ONCE at a time."""
     request = SurveyRequest.model_validate_json(survey.attrs["request"])
     rng = np.random.default_rng(seed)
     survey = survey[[name for name in READ if name in survey]]
@@ -94,7 +97,7 @@ def _drawn(request: SurveyRequest, seed: int, cells: xr.Dataset) -> Drawn:
 
 
 def compared(cells: Drawn) -> dict[str, np.ndarray]:
-    """Return the wrong cells, by attractors or by regions."""
+    """Compute cells, and return flags of the wrong ones for each kind of error."""
     request, n = cells.request, cells.delta.size
     wrong: dict[str, np.ndarray] = {}
     model = request.gear_model
@@ -117,20 +120,21 @@ def compared(cells: Drawn) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    """Draw, compute, compare."""
+    """Draw cells, compute them, compare them with the store, and print the shares of wrong cells."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("store")
     parser.add_argument("--cells", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=1, help="another one than the survey's")
+    parser.add_argument("--seed", type=int, default=1, help="a seed other than the survey's")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--minutes", type=float, default=np.inf, help="after which no more cells are begun")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="longest duration of the computation")
     known = parser.parse_args()
     began, n, wrong = time.monotonic(), 0, dict[str, int]()
     with open_survey(known.store, as_stored=True) as survey, get_context("spawn").Pool(known.processes) as pool:
         if survey.attrs.get("refined_cells_filled", 1) == 0 or "source_level" not in survey:
             raise SystemExit(f"{known.store} has no filled cells")
         parts = list(drawn(survey, known.cells, known.seed))
-        np.random.default_rng(known.seed).shuffle(parts)  # type: ignore[arg-type]  # those in time are of all the plane
+        # After a time limit, the computed cells are from the whole plane.
+        np.random.default_rng(known.seed).shuffle(parts)  # type: ignore[arg-type]
         for found in pool.imap_unordered(compared, parts):
             found["any of these"] = np.logical_or.reduce(list(found.values()))
             n += found["any of these"].size

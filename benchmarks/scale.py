@@ -1,10 +1,10 @@
-"""A survey of 10⁹ cells whose tiles compute nothing: what the service, the scheduler and the job database take.
+"""Measure service, scheduler and job database with a survey of 10⁹ cells whose tiles compute nothing.
 
     PYTHONPATH=. python benchmarks/scale.py --seconds 300
 
-A real service and a real dask scheduler; the workers are simulated: many in a process, which come and go, and whose
-tiles are files that were encoded once. Prints a table: tiles, seconds a tile, memory, rows; then the time of a resume
-after SIGKILL, and of `rattle verify`.
+The service and the dask scheduler are real. The workers are simulated: many in a process, some of which leave and are
+replaced, and whose tiles are copies of files that were encoded once. The program prints a table of tiles, time per
+tile, memory and rows; then the time to resume after SIGKILL, and the time of `rattle verify`.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ LIMITS = {
     "RATTLE_EXPLORER": "false",
     "RATTLE_PRELOAD": "false",
 }
-QUIET = {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": "10"}  # as deploy/ has it
-PROCESSES = 2  # of simulated workers
-STAY_SECONDS = 10.0  # after so long one of them leaves, and another one comes
+QUIET = {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": "10"}  # the same setting as in deploy/
+PROCESSES = 2  # number of processes with simulated workers
+STAY_SECONDS = 10.0  # at this interval a worker leaves and a new worker comes
 
 
 def free_port() -> int:
-    """Return a port of this machine."""
+    """Return a free port of this computer."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -55,7 +55,7 @@ def free_port() -> int:
 def started(*command: str, **settings: str) -> Iterator[psutil.Process]:
     """Run a process for as long as the context lasts."""
     environment = os.environ | {"PYTHONPATH": str(HERE.parent)} | settings
-    log = open(os.environ.get("SCALE_LOG", os.devnull), "a")  # noqa: SIM115 - the process has it
+    log = open(os.environ.get("SCALE_LOG", os.devnull), "a")  # noqa: SIM115 - closed at the end of the context
     with log, subprocess.Popen(command, env=environment, stdout=log, stderr=log) as process:
         try:
             yield psutil.Process(process.pid)
@@ -64,7 +64,7 @@ def started(*command: str, **settings: str) -> Iterator[psutil.Process]:
 
 
 def body(side: int) -> dict[str, Any]:
-    """Return the survey: regions over the plane of Figure 7."""
+    """Return the request: regions over the plane of Figure 7, with `side` cells along each axis."""
     return {
         "delta": {"start": 0.4, "stop": 1.0, "num": side},
         "epsilon": {"start": 0.005, "stop": 0.3, "num": side},
@@ -74,7 +74,7 @@ def body(side: int) -> dict[str, Any]:
 
 
 async def simulate(url: str, number: int) -> None:
-    """Be so many workers, of which one leaves and another one comes now and then."""
+    """Simulate `number` workers; at regular intervals one of them leaves and a new worker comes."""
     from distributed import Worker
 
     from gear_rattle.workers.cluster import cluster, runner
@@ -103,7 +103,7 @@ async def simulate(url: str, number: int) -> None:
 
     def nothing(request: Any, path: str, tile: Any, *_: Any) -> TileRecord:
         keys = store._keys(request, tile).values()
-        with encoding:  # workers are threads of this process, and an encoder is one for all
+        with encoding:  # the workers of this process share one encoder
             written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
         place = store._place(path, request)
         for key, content in written.items():
@@ -136,12 +136,12 @@ def _shape(tile: Any) -> tuple[int, ...]:
 
 
 def mebibytes(process: psutil.Process) -> int:
-    """Return the memory of a process."""
+    """Return the resident memory of a process in MiB."""
     return int(process.memory_info().rss / 2**20)
 
 
 def rows_in(database: Path) -> dict[str, int]:
-    """Return the rows of each large table of the job database."""
+    """Return the number of rows of each table of the job database."""
     with sqlite3.connect(f"file:{database}?mode=ro", uri=True) as connection:
         names = [name for (name,) in connection.execute("select name from sqlite_master where type = 'table'")]
         return {name: connection.execute(f"select count(*) from {name}").fetchone()[0] for name in names}
@@ -149,7 +149,7 @@ def rows_in(database: Path) -> dict[str, int]:
 
 @contextmanager
 def service(data: Path, scheduler: str) -> Iterator[tuple[str, psutil.Process]]:
-    """Run the service on a scheduler; its address and its process."""
+    """Run the service with a scheduler; yield the address and the process of the service."""
     port = free_port()
     command = [sys.executable, "-m", "gear_rattle.cli", "serve", "--port", str(port), "--data", str(data)]
     with started(*command, "--scheduler", scheduler, **LIMITS) as process:
@@ -163,12 +163,12 @@ def service(data: Path, scheduler: str) -> Iterator[tuple[str, psutil.Process]]:
 
 
 def tiles_done(url: str, survey: str) -> int:
-    """Return how many tiles of a survey are done."""
+    """Return the number of finished tiles of a survey."""
     return int(httpx.get(f"{url}{survey}", timeout=600).json()["tiles_done"])
 
 
 def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Process]) -> int:
-    """Print a line for each tenth of some time: tiles, seconds a tile, memory. Return the tiles at the end."""
+    """Print ten lines within `seconds`: finished tiles, time per tile, memory. Return the tiles at the end."""
     began, before = time.monotonic(), tiles_done(url, survey)
     last = began
     while last - began < seconds:
@@ -182,7 +182,7 @@ def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Proce
 
 
 def main() -> None:
-    """Measure, and print what was measured."""
+    """Run the measurements and print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--workers", type=int, default=64)

@@ -1,4 +1,4 @@
-"""A service to measure: a process of its own on a free port of loopback."""
+"""Start a service to measure, as a process on a free port of loopback."""
 
 from __future__ import annotations
 
@@ -14,12 +14,23 @@ from pathlib import Path
 import httpx
 import psutil
 
-START_SECONDS = 300.0  # a cold start compiles
+START_SECONDS = 300.0  # longest wait for the start, which may include compiling
 
 
 @contextmanager
 def server(data: Path, *options: str, first: str = "") -> Iterator[tuple[str, psutil.Process]]:
-    """URL and process of a service that has its cluster, and does something first; prints how it ended."""
+    """Start a service, wait for its cluster, and yield its URL and process; at the end print how it ended.
+
+    Parameters
+    ----------
+    first : str
+        Python code that the process runs first.
+
+    Yields
+    ------
+    tuple[str, psutil.Process]
+        URL and process of the service.
+    """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -50,7 +61,7 @@ def server(data: Path, *options: str, first: str = "") -> Iterator[tuple[str, ps
 
 
 def has_cluster(url: str) -> bool:
-    """Return whether a service answers and its workers are there."""
+    """Return whether a service answers and has workers."""
     try:
         return bool(httpx.get(f"{url}/v1/health", timeout=30).json()["cluster"] == "ready")
     except httpx.TransportError:

@@ -1,8 +1,8 @@
 """Measure the cost of a cell in several versions of this repository: `python benchmarks/versions.py DIRECTORY …`.
 
-Each directory is a checkout, such as `git worktree add DIRECTORY COMMIT` makes. The cells are those of `make bench
-MEASURED=survey`; milliseconds of the processor per cell are the least of several turns, impacts on Σ⁺ are counted.
-Prints JSON.
+Each directory is a checkout, for example from `git worktree add DIRECTORY COMMIT`. The cells are those of `make bench
+MEASURED=survey`. The program prints JSON: for each class the least milliseconds of processor time per cell in several
+runs, and the impacts on Σ⁺ per cell.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ for line in sys.stdin:
 
 
 def main(directories: list[str]) -> None:
-    """Measure the versions in these directories."""
+    """Measure the versions in some directories, and print the costs."""
     sampled = classes()
     lines = [json.dumps([each.delta.tolist(), each.epsilon.tolist()]) for each in sampled]
     versions = {directory: _started(directory) for directory in dict.fromkeys(directories)}
@@ -40,7 +40,7 @@ def main(directories: list[str]) -> None:
     ]
     shares = [each.share for each in sampled]
     for name in versions:
-        least = [min(turn[name][i] for turn in turns[1:]) for i in range(len(NAMES))]  # the first may have compiled
+        least = [min(turn[name][i] for turn in turns[1:]) for i in range(len(NAMES))]  # the first run may compile
         mean = [sum(share * cost[i] for share, cost in zip(shares, least, strict=True)) for i in range(2)]
         print(json.dumps({name: dict(zip(NAMES, least, strict=True)) | {WHOLE: mean}}, indent=1))
     print(toolchain()["processor"])

@@ -1,9 +1,9 @@
-"""gear-rattle as other people's code imports it, beside the library `rattle`.
+"""The public package of surveys and services, beside the library `rattle`.
 
-`run_survey` makes a survey and opens it, `open_survey` opens one that is there, `open_family` a family of its
-attractors, and `Client` talks to a service. A survey that is opened can draw itself, `survey.rattle.plot("region")`.
-What surveys raise is a `SurveyError`, what a client raises a `ServiceError`; both are `rattle.RattleError`s. The
-packages `workers` and `service` stand in here; a checkout has them beside it, and links to them here.
+`run_survey` computes a survey and opens it, `open_survey` opens an existing survey, `open_family` opens one family of
+its attractors, and `Client` talks to a service. An opened survey draws itself with `survey.rattle.plot("region")`.
+Surveys raise `SurveyError`, and clients raise `ServiceError`; both are derived from `rattle.RattleError`. The packages
+`workers` and `service` are inside this package; in a checkout they are links to the folders beside it.
 """
 
 from importlib import import_module
@@ -37,7 +37,7 @@ _PLACES = {
 }
 
 _ACCESSOR = "gear_rattle.workers.pictures.accessor"  # registers `survey.rattle` with xarray
-_SURVEYS = ("Client", "open_survey", "run_survey")  # what gives surveys to people
+_SURVEYS = ("Client", "open_survey", "run_survey")  # names that return surveys, which need the accessor
 
 __all__ = [
     "Client",

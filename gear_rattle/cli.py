@@ -1,4 +1,4 @@
-"""The entry of the command ``rattle``, which is installed with the library too, where what it needs is not there."""
+"""The entry point of the command ``rattle``. It is also installed if the packages that the command needs are not."""
 
 import gc
 import os
@@ -6,22 +6,22 @@ import sys
 from importlib.metadata import version
 
 REFUSED = 2
-OBJECTS = 400_000  # that are made between two collections of garbage; Python's own default is 700
+OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
 
-# Most of what lives is modules: to look for garbage in them took a fifth of a short command.
+# Garbage collections among the imported modules took a fifth of the time of a short command.
 gc.set_threshold(OBJECTS)
 
 
 def main() -> None:
-    """Run the command; where it cannot be, say which extra has it."""
-    os.environ["PYTHONSAFEPATH"] = "1"  # no process that a library starts imports from the working directory
+    """Run the command, or print which extra to install if its packages are missing."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes that libraries start must not import from the working directory
     try:
         from gear_rattle.service.cli import main as run
     except ModuleNotFoundError as error:
         if error.name != "typer":
             raise
         sys.stderr.write(
-            f"rattle {version('gear-rattle')}: only the library is installed. The command needs: "
+            f"rattle {version('gear-rattle')}: only the library is installed. For the command: "
             "pip install 'gear-rattle[cli]', or 'gear-rattle[service]' to serve surveys and the explorer.\n"
         )
         raise SystemExit(REFUSED) from None

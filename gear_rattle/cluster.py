@@ -1,4 +1,4 @@
-"""Module that a worker of your own cluster loads before it reports: ``dask worker … --preload gear_rattle.cluster``."""
+"""The module that workers of your own cluster preload: ``dask worker … --preload gear_rattle.cluster``."""
 
 from gear_rattle.workers.cluster import dask_setup
 

@@ -43,18 +43,21 @@ from rattle.numerics import leave_working_directory
 if TYPE_CHECKING:
     from distributed import Client
 
-#: Permissions of pages of the origins in the settings.
+#: What pages of the origins in `Settings.cors_origins` may do.
 READING: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD"],
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
     "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
 }
-DOCUMENTS = Path(__file__).with_name("help")  # the site that `make docs` builds
-SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel has copies
-WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker gets 1.4 % of a core
+DOCUMENTS = Path(__file__).with_name("help")  # directory of the site that `make docs` builds
+SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel contains copies of the files
+#: Niceness of workers, so that requests are answered before tiles. At 19, a worker beside two busy programs would get
+#: 1.4 % of a core.
+WORKERS_NICE = 5
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
-#: Opens the cluster; its argument says, while the cluster starts, whether start-up was cancelled.
+#: A function that opens the cluster. Its argument is called while the cluster starts; it returns whether start-up was
+#: cancelled.
 Starting = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
@@ -65,14 +68,14 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     Parameters
     ----------
     settings : Settings | None
-        By default from the environment.
+        The settings of the service; by default from the environment.
     cluster : Cluster | None
-        Opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
+        Function that opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
 
     Returns
     -------
     FastAPI
-        All routes, middlewares and, unless switched off, the explorer.
+        The application with all routes and middlewares and, unless it is switched off, the explorer.
     """
     settings = settings or Settings()
     metrics = Metrics()
@@ -85,14 +88,14 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,
-        swagger_ui_parameters={"validatorUrl": None},  # by default another host is asked whether the document is valid
+        swagger_ui_parameters={"validatorUrl": None},  # by default the page sends the document to another host
     )
     app.add_middleware(AnyTagMiddleware)
     app.add_middleware(HeadMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
-    if settings.cors_origins:  # such pages may read, but never write
+    if settings.cors_origins:  # pages of these origins may read, but never write
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **READING)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)

@@ -47,14 +47,14 @@ START = (
 
 
 class Commands(TyperGroup):
-    """The group of all commands; messages about wrong values are this project's instead of pydantic's."""
+    """The group of all commands. It replaces pydantic's messages about wrong values by this project's."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
-        """Run the command, and turn its errors into one line and an exit code."""
+        """Run the command. Errors about wrong values get this project's message."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's own, of one option
+            if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's error, caused by pydantic's
                 from gear_rattle.workers.survey.axes import reason
 
                 error.message = reason(error.__cause__)  # type: ignore[arg-type]
@@ -85,7 +85,7 @@ def _rattle(
     pass
 
 
-#: Each command with its group in `rattle --help`, and an example.
+#: By group in `rattle --help`: the commands, each with an example.
 COMMANDS: dict[str, tuple[tuple[Callable[..., Any], str], ...]] = {
     "Survey": (
         (run, "run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out survey.zarr"),
@@ -128,13 +128,13 @@ app.add_typer(key.app, name="key", rich_help_panel="Service", epilog="Example: r
 
 
 def main() -> None:
-    """Run a command; an error of this project is printed as a sentence, with exit status 2, never as a traceback."""
+    """Run a command. An error of this project is printed as a sentence without traceback; the exit status is 2."""
     status: list[int] = []
-    atexit.register(_leave, status)  # registered first, so called last
-    atexit.register(gc.freeze)  # prevents a last garbage collection over all modules
+    atexit.register(_leave, status)  # the function that is registered first is called last
+    atexit.register(gc.freeze)  # prevents a slow garbage collection among all modules at the end
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors=letters.NEAREST)  # replaces letters, such as δ, that the terminal lacks
+            stream.reconfigure(errors=letters.NEAREST)  # replaces letters, such as δ, that the terminal does not have
     try:
         _run_command()
     except SystemExit as end:
@@ -143,16 +143,16 @@ def main() -> None:
 
 
 def _leave(status: list[int]) -> None:
-    """End the process at once if a thread still computes or compiles, which would go on during the shutdown."""
+    """End the process at once if a thread still computes or compiles; Python would wait for it at the end."""
     if any(thread.daemon for thread in threading.enumerate()):
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):  # the reader may be gone
+            with suppress(OSError, ValueError):  # the program that reads the output may have ended
                 stream.flush()
         os._exit(status[0] if status else FAILED)
 
 
 def _with_home(argument: str) -> str:
-    """Return an argument with `~` expanded where shells do not expand it, as in `--out=~/x`."""
+    """Expand `~` in an argument such as `--out=~/x`, where shells do not expand it."""
     name, _, value = argument.partition("=")
     if name.startswith("--") and (value == "~" or value.startswith("~/")):
         return f"{name}={os.path.expanduser(value)}"
@@ -164,14 +164,14 @@ def _run_command() -> None:
         app([_with_home(each) for each in sys.argv[1:]])
     except ModuleNotFoundError as error:
         typer.echo(
-            f"rattle: {error.name} is not installed. The service needs: pip install 'gear-rattle[service]'", err=True
+            f"rattle: {error.name} is not installed. For the service: pip install 'gear-rattle[service]'", err=True
         )
         raise SystemExit(REFUSED) from error
     except OSError as error:
         if error.errno != ENOSPC or error.filename is not None:
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # buffered output must not cause a second error at the end
-        typer.echo(f"rattle: its output cannot be written: {error.strerror}", err=True)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # otherwise Python fails again when it flushes the output at exit
+        typer.echo(f"rattle: the output cannot be written ({error.strerror}): free space, or write elsewhere", err=True)
         raise SystemExit(FAILED) from error
     except Exception as error:
         errors = sys.modules.get("rattle.errors")  # importing it would load the compiler

@@ -1,4 +1,4 @@
-"""A Python client: submit, wait with progress, open as xarray.
+"""A Python client of the service: submit a survey, wait for it with progress, and open the results with xarray.
 
 client = Client("http://127.0.0.1:8000")
 job = client.submit(delta=(0.4, 1.0, 61), epsilon=(0.005, 0.3, 60))
@@ -33,8 +33,8 @@ OF_A_MACHINE = ("rpm", "eccentricity")
 AXIS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
-LONGEST = 60  # the most characters of another program's answer in a message
-READ_SECONDS = 60.0  # several heartbeats of the event stream
+LONGEST = 60  # a message quotes at most this many characters of another program's answer
+READ_SECONDS = 60.0  # longest wait for data of an answer; the event stream has several heartbeats in this time
 
 Document = dict[str, Any]
 Progress = Callable[[Document], None]
@@ -46,12 +46,12 @@ class Client:
     Parameters
     ----------
     url
-        Where the service is, such as ``http://127.0.0.1:8000``.
+        Address of the service, for example ``http://127.0.0.1:8000``.
     http
         An httpx client to use instead of a new one, with its own base URL.
     key
-        API key; by default the environment variable ``RATTLE_API_KEY``. The operator of the service at ``url`` gets it,
-        and so does anybody who can read the connection if it is not https.
+        API key; by default the environment variable ``RATTLE_API_KEY``. The operator of the service at ``url`` sees the
+        key, and so does anybody who can read the connection if it is not https.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the connection; leaving `with` closes it too."""
+        """Close the connection. The end of a `with` block also closes it."""
         self._http.close()
 
     def submit(
@@ -84,16 +84,16 @@ class Client:
     ) -> Job:
         """Submit a survey, given as a request or field by field; an axis may be a (start, stop, num) triple.
 
-        If the service has an identical survey, finished or not, it returns that.
+        If the service already has an identical survey, finished or not, it returns the existing survey.
 
         Parameters
         ----------
         request : SurveyRequest | Mapping[str, Any] | None
-            What to compute.
+            The request, or a mapping with its fields.
         idempotency_key : str | None
-            The same body with the same key is the same survey, however often it is sent.
+            A text of your choice. Sending the same request again with the same text creates no second survey.
         force : bool
-            Compute the survey anew although an identical one is there.
+            Compute the survey again although an identical one exists.
         fields
             Fields of the request, which replace those in `request`.
 
@@ -105,7 +105,7 @@ class Client:
         Raises
         ------
         ServiceError
-            The service refuses it, or cannot be reached.
+            The service refuses the survey, or cannot be reached.
         """
         return self._submitted("/v1/surveys", _body(request, fields), idempotency_key, force)
 
@@ -117,7 +117,7 @@ class Client:
         force: bool = False,
         **fields: Any,
     ) -> Job:
-        """Submit a population of gears, as :meth:`submit` does a survey; :meth:`Job.answers` returns its answers."""
+        """Submit a population of gears; arguments as in :meth:`submit`. :meth:`Job.answers` returns its answers."""
         return self._submitted("/v1/populations", _body(request, fields), idempotency_key, force)
 
     def _submitted(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
@@ -191,7 +191,7 @@ class Client:
         Raises
         ------
         ServiceError
-            As `call`; or the answer is not a JSON object, so another program answered.
+            See `call`; or the answer is not a JSON object, so it comes from another program.
         """
         answer = self.call(method, path, **kwargs)
         try:
@@ -206,7 +206,7 @@ class Client:
         return found
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
-        """Yield id and data of each event after number ``after``, until the service closes the stream."""
+        """Yield the number and data of each event after number ``after``, until the service closes the stream."""
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
@@ -215,7 +215,7 @@ class Client:
             if source.response.status_code == httpx.codes.NO_CONTENT:
                 return
             for event in source.iter_sse():
-                if event.data:  # httpx-sse shows a heartbeat as an event without data
+                if event.data:  # httpx-sse returns a heartbeat as an event without data
                     yield int(event.id), json.loads(event.data)
 
     @property
@@ -230,7 +230,7 @@ class Job:
     Attributes
     ----------
     document
-        The survey as the service last showed it.
+        The document of the job in the service's last answer.
     """
 
     def __init__(self, client: Client, document: Document) -> None:
@@ -243,7 +243,7 @@ class Job:
 
     @property
     def kind(self) -> str:
-        """Kind of the job: survey or population."""
+        """The kind of the job: "survey" or "population"."""
         return "population" if "answers" in self.document["links"] else "survey"
 
     @property
@@ -253,20 +253,20 @@ class Job:
 
     @property
     def state(self) -> str:
-        """State at the last request: accepted, running, or one of FINAL."""
+        """The state of the job at the last request: accepted, running, or one of FINAL."""
         return str(self.document["state"])
 
     def _link(self, name: str) -> str:
-        """Return a link as a path below the address of the service."""
+        """Return a link of the job as a path relative to the address of the service."""
         return str(self.document["links"][name]).removeprefix(urlsplit(self._client.url).path)
 
     @property
     def store_url(self) -> str:
-        """Address at which ``xr.open_zarr`` finds the results."""
+        """The address of the results, for ``xr.open_zarr``."""
         return self._client.url + self._link("store")
 
     def refresh(self) -> Self:
-        """Read the present state of the survey."""
+        """Read the present state of the job from the service."""
         self.document = self._client.document("GET", self._link("self"))
         return self
 
@@ -276,7 +276,7 @@ class Job:
         return f"<table>{''.join(rows)}</table>"
 
     def wait(self, progress: Progress | None = None, patience: float = 60.0, timeout: float | None = None) -> Self:
-        """Wait until the survey is successful, through lost connections and restarts of the service.
+        """Wait until the job is successful, even if connections are lost or the service restarts.
 
         Parameters
         ----------
@@ -285,7 +285,7 @@ class Job:
         patience : float
             Seconds for which the service may be unreachable.
         timeout : float | None
-            Most seconds to wait; the survey continues afterwards, and can be waited for again.
+            Longest wait in seconds. The job continues afterwards, and `wait` can be called again.
 
         Returns
         -------
@@ -295,9 +295,9 @@ class Job:
         Raises
         ------
         ServiceError
-            The survey failed, was dismissed or deleted, or the service stayed unreachable.
+            The job failed, was dismissed or deleted, or the service stayed unreachable.
         WaitTimeoutError
-            The survey has not ended in this time.
+            The job has not ended within `timeout`.
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
@@ -334,7 +334,16 @@ class Job:
         return WaitTimeoutError(f"{what} is {self.state} after {timeout:g} s. Wait for it again.")
 
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
-        """Yield events; with a deadline only the present state a moment later, because a stream may stay open long."""
+        """Yield the events after number `seen`.
+
+        With a deadline, wait a moment and yield the present state instead, because an event stream may stay open beyond
+        the deadline.
+
+        Yields
+        ------
+        tuple[int, Document]
+            Number and data of an event.
+        """
         if deadline == math.inf:
             yield from self._client.events(self._link("events"), after=seen)
         else:
@@ -342,13 +351,13 @@ class Job:
             yield seen, self.document
 
     def open(self) -> xr.Dataset:
-        """Return the results as a dataset that is read over HTTP on demand."""
+        """Open the results as a dataset whose values are read over HTTP when they are needed."""
         return open_results(self.store_url, self._client.headers)
 
     def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
-        """Return the map of one family of a survey that was computed with families.
+        """Open one family of a survey as a map. The survey must have been computed with families.
 
-        See `gear_rattle.workers.open_family`.
+        See `gear_rattle.workers.open_family` for the variables.
 
         Returns
         -------
@@ -368,17 +377,17 @@ class Job:
         Raises
         ------
         ServiceError
-            The population has not ended.
+            The population has not ended yet.
         """
         return self._client.document("GET", f"{self._link('self')}/answers")
 
     def verify(self) -> Self:
-        """Let the service check every tile, and compute damaged or missing ones; :meth:`wait` for it afterwards."""
+        """Let the service check every tile, and compute damaged or missing tiles again; then call :meth:`wait`."""
         self.document = self._client.document("POST", f"{self._link('self')}/verify")
         return self
 
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
-        """Give the survey another name or other notes; None leaves one unchanged.
+        """Give the survey another name or other notes. None leaves the present text unchanged.
 
         Returns
         -------
@@ -395,7 +404,7 @@ class Job:
         return self
 
     def delete(self) -> None:
-        """Dismiss a waiting or running survey; delete one that has ended, with its store."""
+        """Dismiss a waiting or running job, or delete a job that has ended together with its store."""
         self._client.call("DELETE", self._link("self"))
 
 
@@ -412,12 +421,12 @@ def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
 
 
 def _axis(value: Any) -> Any:
-    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # otherwise the service explains the error
+    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # the service explains errors of other values
     return dict(zip(AXIS, value, strict=True)) if is_one else value
 
 
 def _plain(value: Any) -> Any:
-    """Replace numpy's numbers by Python's, because JSON does not know the former."""
+    """Replace numpy's numbers by Python's, because the JSON encoder does not know numpy's."""
     if isinstance(value, Mapping):
         return {name: _plain(each) for name, each in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Parameters that models add to δ, ε and β, read without importing the library, so that commands start quickly."""
+"""The parameters that models add to δ, ε and β. They are read without the library, so that commands start quickly."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Added(NamedTuple):
 
     @property
     def described(self) -> str:
-        """The label with the part of the gear that has it, capitalized."""
+        """The label together with the part of the gear that has the parameter, capitalized."""
         words = f"{self.label} of {self.of}" if self.of else self.label
         return words[0].upper() + words[1:]
 
     @classmethod
     def read(cls, model: str, given: dict[str, Any]) -> Added:
-        """Read one entry of a declaration."""
+        """Return the parameter that an entry of a declaration describes."""
         return cls(model=model, **{name: value for name, value in given.items() if name in cls._fields})
 
 

@@ -1,4 +1,4 @@
-"""Errors of the front end; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
+"""The errors of the service and its client; :mod:`gear_rattle.service.web.problems` maps them to HTTP statuses.
 
 The public package `gear_rattle` exports the errors that the client raises.
 """
@@ -12,7 +12,7 @@ from rattle import RattleError
 
 
 class ServiceError(RattleError):
-    """Base of every error of the front end and of its client."""
+    """Base of all errors of the service, the commands and the client."""
 
     __module__ = "gear_rattle"
     code = "service_error"
@@ -33,17 +33,17 @@ class UnknownKeyError(ServiceError):
     code = "unknown_key"
 
     def __init__(self, key_id: str) -> None:
-        super().__init__(f"There is no key {key_id!r}.")
+        super().__init__(f"There is no key {key_id!r}. `rattle key list` lists the keys.")
 
 
 class UnauthorizedError(ServiceError):
-    """A key is needed, and the request has none, or an unknown one."""
+    """The service requires a key, and the request has no key or an unknown key."""
 
     code = "unauthorized"
 
 
 class ForbiddenError(ServiceError):
-    """The caller is not allowed to do this."""
+    """The caller has no permission for the request."""
 
     code = "forbidden"
 
@@ -68,13 +68,13 @@ class MissingError(ServiceError):
 
 
 class AccessError(ServiceError):
-    """The service would be open to everybody, or to nobody."""
+    """The service does not start, because keys are required but none exists."""
 
     code = "unsafe_access"
 
 
 class AddressError(ServiceError):
-    """The service cannot listen at the address."""
+    """The service cannot listen on the address."""
 
     code = "address_unavailable"
 
@@ -102,7 +102,7 @@ class QueueFullError(ServiceError):
 
 
 class UnavailableError(ServiceError):
-    """The service cannot answer now; the same request may succeed later."""
+    """The service cannot answer now. The same request may succeed later."""
 
     code = "unavailable"
 
@@ -114,25 +114,25 @@ class DirectoryAwayError(UnavailableError):
 
     def __init__(self) -> None:
         super().__init__(
-            "The data directory of the service is away: is its disk mounted? The service continues when it is back. "
-            "Try again later."
+            "The data directory of the service is away: is its disk mounted? The service continues when the directory "
+            "is back. Try again later."
         )
 
 
 class KernelsError(UnavailableError):
-    """The request waits for kernels that are being compiled."""
+    """The request needs kernels that are still being compiled."""
 
     code = "compiling_kernels"
 
     def __init__(self) -> None:
         super().__init__(
-            "Kernels are being compiled, which a service does once after it was installed or updated. Try again in a "
-            "few seconds; GET /v1/ready says when the service is ready."
+            "Kernels are being compiled, once after the service was installed or updated. Try again in a few seconds; "
+            "GET /v1/ready says when the service is ready."
         )
 
 
 class DataDirectoryError(ServiceError):
-    """The data directory or the job database cannot be used: foreign, not writable, or held by another server."""
+    """The data directory or job database cannot be used: foreign, not writable, or locked by another service."""
 
     code = "data_directory_unusable"
 
@@ -145,7 +145,7 @@ class ResponseError(ServiceError):
     status
         HTTP status of the answer.
     problem
-        The problem document (RFC 9457), empty if the answer held none.
+        The problem document (RFC 9457); empty if the answer has none.
     """
 
     __module__ = "gear_rattle"

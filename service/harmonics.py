@@ -1,4 +1,4 @@
-"""Harmonics of the forcing as text, ORDER:AMPLITUDE:PHASE, for addresses and commands."""
+"""Read and write harmonics of the forcing as text, ORDER:AMPLITUDE:PHASE, for URLs and commands."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ TEXT = (
 
 
 def read_harmonics(texts: Iterable[str]) -> tuple[Harmonic, ...]:
-    """Return the harmonics of texts ORDER:AMPLITUDE:PHASE. Raises ParameterError for other texts."""
+    """Read harmonics from texts ORDER:AMPLITUDE:PHASE. Raises ParameterError for other texts."""
     return tuple(_read(text) for text in texts)
 
 
 def written_harmonics(harmonics: Iterable[Harmonic]) -> list[str]:
-    """Return texts from which `read_harmonics` reads the same harmonics, to the last bit."""
+    """Return harmonics as texts, from which `read_harmonics` reads the same numbers to the last bit."""
     return [f"{order}:{amplitude!r}:{phase!r}" for order, amplitude, phase in harmonics]
 
 

@@ -11,8 +11,8 @@ from anyio import CancelScope, CapacityLimiter, Event
 Result = TypeVar("Result")
 
 
-class Places:
-    """A priority limiter with a number of places for concurrent computations."""
+class PriorityLimiter:
+    """Limits the number of concurrent computations. Foreground computations pre-empt background ones."""
 
     def __init__(self, number: int) -> None:
         self._limiter = CapacityLimiter(number)
@@ -23,9 +23,9 @@ class Places:
 
     @asynccontextmanager
     async def one(self) -> AsyncIterator[None]:
-        """Yield a place for a foreground computation.
+        """Run a foreground computation in this context, as soon as the limit allows.
 
-        If all places are taken, the newest background computation is cancelled and begins again later.
+        If the limit is reached, the newest background computation is cancelled, and begins again later.
         """
         self._waiting += 1
         if self._waiting == 1:
@@ -44,7 +44,7 @@ class Places:
             self._limiter.release_on_behalf_of(place)
 
     async def in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """Return the result of a background computation, which begins again whenever it was pre-empted."""
+        """Return the result of a background computation. It begins again after it was pre-empted."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

@@ -1,4 +1,4 @@
-"""Open results on disk or of a service, which may need a key."""
+"""Open results from disk or from a service, with an API key if the service needs one."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
-    """Return the header with an API key, by default that of ``RATTLE_API_KEY``; no header without a key.
+    """Return the HTTP header with an API key; no header if there is no key. By default the key of ``RATTLE_API_KEY``.
 
     Returns
     -------
     dict[str, str]
-        Value by name of the header.
+        The value of the header, by name.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def key_headers(key: str | None = None) -> dict[str, str]:
     if not key:
         return {}
     if not (key.isascii() and key.isprintable()):
-        raise ServiceError(f"The API key has characters that no key can have. Check {KEY_VARIABLE}.")
+        raise ServiceError(f"The API key has characters that no key can have. Check the variable {KEY_VARIABLE}.")
     return {"Authorization": f"Bearer {key}"}
 
 
@@ -48,28 +48,28 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     store : str | Path
         Path or URL.
     headers : Mapping[str, str] | None
-        Headers for the service; by default with the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store
-        on this machine or of the service at ``RATTLE_URL``. The key is sent to no other address.
+        Headers for the service. By default they contain the key of ``RATTLE_API_KEY`` if the URL is that of a store on
+        this machine or of the service at ``RATTLE_URL``. The key is sent to no other address.
 
     Returns
     -------
     xr.Dataset
-        Its variables are read on demand.
+        The dataset; its variables are read when they are needed.
 
     Raises
     ------
     RattleError
         There is no survey, or it cannot be read.
     ServiceError
-        The address is not that of a trusted service.
+        The URL is not that of a trusted service.
     """
     from gear_rattle.workers import open_survey
 
     if headers is None and STORE_URL.fullmatch(str(store)) and (key := key_headers()):
         if not _is_trusted(str(store)):
             raise ServiceError(
-                f"{KEY_VARIABLE} is sent to this machine and to {URL_VARIABLE} only: set {URL_VARIABLE} to the service "
-                f"of {store}, or unset {KEY_VARIABLE}."
+                f"The key in {KEY_VARIABLE} is sent only to this machine and to the service at {URL_VARIABLE}: set "
+                f"{URL_VARIABLE} to the service of {store}, or unset {KEY_VARIABLE}."
             )
         headers = key
     if not headers:
@@ -90,7 +90,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
 def open_family(
     store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Open one family of a survey, from disk or from a service, as `gear_rattle.open_family` does, with a key.
+    """Open one family of a survey from disk or from a service as a map, like `gear_rattle.open_family`, with a key.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def open_family(
     Raises
     ------
     RattleError
-        There is no survey, it has no families, or none of this number.
+        There is no survey, it has no families, or it has no family with this number.
     """
     from gear_rattle.workers.families.one import family_of
 
@@ -108,7 +108,7 @@ def open_family(
 
 
 def _is_trusted(url: str) -> bool:
-    """Return whether a URL is on this machine, or of the service that the user has named."""
+    """Return whether a URL is on this machine, or belongs to the service at ``RATTLE_URL``."""
     asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))
-    below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # the host may also run other programs
+    below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # other paths of the host may belong to other programs
     return (below and (asked.scheme, asked.netloc) == (named.scheme, named.netloc)) or is_loopback(asked.hostname or "")

@@ -1,4 +1,4 @@
-"""Settings and limits of the front end, read from ``RATTLE_…`` environment variables."""
+"""The settings and limits of the service, read from environment variables ``RATTLE_…``."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
-#: A path of plain segments, without "//HOST", which a browser would take for another site.
+#: A path of plain segments. "//HOST" does not match, because a browser would take it for another site.
 ROOT_PATH = re.compile(r"(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)*")
 
 
 class Settings(BaseSettings):
-    """Settings of one server process; arguments take precedence over environment variables."""
+    """The settings of one service process. Arguments take precedence over environment variables."""
 
     model_config = SettingsConfigDict(env_prefix="RATTLE_", frozen=True)
 
@@ -27,14 +27,16 @@ class Settings(BaseSettings):
     )
     host: str = Field(default="127.0.0.1", min_length=1)
     port: int = Field(default=8000, ge=0, le=65535)
-    insecure: bool = Field(default=False, description="let in everybody who reaches the service")
-    require_keys: bool = Field(default=False, description="require API keys on loopback too, as behind a proxy")
+    insecure: bool = Field(default=False, description="require no API keys, whatever the address")
+    require_keys: bool = Field(
+        default=False, description="require API keys on loopback too, for example behind a proxy"
+    )
     behind_proxy: bool = Field(
         default=False,
-        description="a proxy in front has TLS, cuts off slow clients, and says scheme and path in X-Forwarded-Proto "
-        "and X-Forwarded-Prefix",
+        description="a proxy in front provides TLS, cuts off slow clients, and sends scheme and path in "
+        "X-Forwarded-Proto and X-Forwarded-Prefix",
     )
-    root_path: str = Field(default="", description="path below which a proxy has this service, such as /rattle")
+    root_path: str = Field(default="", description="path at which a proxy publishes this service, such as /rattle")
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="further names of this service, separated by commas; for requests without a key"
     )
@@ -44,14 +46,14 @@ class Settings(BaseSettings):
     session_seconds: float = Field(
         default=7 * 86_400, gt=0, le=10 * 365 * 86_400, description="longest time for which a browser stays signed in"
     )
-    log_format: Literal["text", "json"] = Field(default="text", description="lines for people, or of JSON")
+    log_format: Literal["text", "json"] = Field(default="text", description="format of log records: text or JSON lines")
     scheduler: str | None = Field(default=None, description="dask scheduler; an embedded cluster if absent")
     workers: int = Field(default=2, ge=1, le=256, description="processes of the embedded cluster")
 
     max_body_bytes: int = Field(default=64 * 1024, ge=1)
     max_header_bytes: int = Field(default=16 * 1024, ge=1024, description="request line and headers of one request")
     max_headers: int = Field(default=100, ge=16, description="header lines of one request")
-    max_connections: int = Field(default=512, ge=1, description="open connections; one more is answered with 503")
+    max_connections: int = Field(default=512, ge=1, description="open connections; further ones are answered with 503")
     idle_seconds: int = Field(default=20, ge=1, description="an idle connection is kept open for this long")
     max_cells: int = Field(default=1_000_000, ge=1, description="cells of one survey")
     max_tiles: int = Field(default=20_000, ge=1, description="tiles of one survey; each is a file per variable")
@@ -59,7 +61,7 @@ class Settings(BaseSettings):
     max_samples: int = Field(
         default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
     )
-    # A task cannot be interrupted, so this bounds the time for which a dismissed survey occupies a worker.
+    # A task cannot be interrupted, so this limits the time for which a dismissed survey still occupies a worker.
     max_tile_samples: int = Field(default=1_048_576, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 
@@ -75,7 +77,7 @@ class Settings(BaseSettings):
     )
     max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
     max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")
-    heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
+    heartbeat_seconds: float = Field(default=15.0, gt=0, description="seconds between heartbeats of event streams")
     shutdown_seconds: int = Field(default=2, ge=1, le=3, description="open requests may take this long at shutdown")
 
     @field_validator("allowed_hosts", "cors_origins", mode="before")
@@ -88,7 +90,7 @@ class Settings(BaseSettings):
     def _plain_path(cls, given: str) -> str:
         path = given.rstrip("/")
         if not ROOT_PATH.fullmatch(path):
-            raise ValueError(f"{given!r} is not a path of plain segments: write it as /rattle or /apps/rattle")
+            raise ValueError(f"{given!r} is not a path of plain segments: write it like /rattle or /apps/rattle")
         return path
 
     @field_validator("cors_origins")
@@ -96,7 +98,7 @@ class Settings(BaseSettings):
     def _origins(cls, given: tuple[str, ...]) -> tuple[str, ...]:
         for origin in given:
             if not re.fullmatch(r"https?://[^/*\s]+", origin):
-                raise ValueError(f"{origin!r} is no origin: write each as https://HOST or http://HOST:PORT")
+                raise ValueError(f"{origin!r} is not an origin: write each as https://HOST or http://HOST:PORT")
         return given
 
     @model_validator(mode="after")

@@ -1,7 +1,7 @@
-"""State that the routes of one application share, injected into them.
+"""The state that all routes of an application share. FastAPI injects it into the routes.
 
-Dependencies that read only the request are coroutines, because FastAPI runs all others in threads, and each change of
-thread waits for the GIL.
+Dependencies that read only the request are coroutines, because FastAPI runs all other dependencies in threads, and each
+change of thread waits for the GIL.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.manager import JobManager
 from gear_rattle.service.kernels import Kernels
 from gear_rattle.service.observability.metrics import Metrics
-from gear_rattle.service.places import Places
+from gear_rattle.service.places import PriorityLimiter
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import Bucket
 
 
 @dataclass(frozen=True)
 class Front:
-    """State of an application that routes need; it lives as long as the application's lifespan."""
+    """The state of an application that its routes need. It exists during the application's lifespan."""
 
     settings: Settings
     directory: DataDirectory
@@ -48,7 +48,7 @@ class Front:
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def stored(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return a survey or a population, and the location of its store. It blocks: use a thread.
+        """Return the row of a survey or a population, and the location of its store. It blocks: use a thread.
 
         Returns
         -------
@@ -58,14 +58,14 @@ class Front:
         Raises
         ------
         UnknownSurveyError
-            There is none of this kind.
+            There is no job of this kind with this id.
         DirectoryAwayError
-            The data directory is away.
+            The data directory is missing.
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return a survey, and the location of its existing store. It blocks: use a thread.
+        """Return the row of a survey, and the location of its store, which must exist. It blocks: use a thread.
 
         Returns
         -------
@@ -75,7 +75,7 @@ class Front:
         Raises
         ------
         UnknownSurveyError, DirectoryAwayError
-            As `stored`.
+            See `stored`.
         MissingError
             The survey has no numbers yet, or its store is gone.
         """
@@ -91,17 +91,17 @@ class Front:
 
     @cached_property
     def windows(self) -> CapacityLimiter:
-        """Limiter of the windows that are refined at once."""
+        """The limiter of windows that are computed at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
-    def slow_points(self) -> Places:
-        """Limiter of slow computations for points of all pages; one process is left for quick ones."""
-        return Places(max(1, self.settings.max_points - 1))
+    def slow_points(self) -> PriorityLimiter:
+        """The limiter of slow computations for points of all pages. It leaves one process for quick computations."""
+        return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Run work of a request that the end of the service may cancel, with UnavailableError."""
+        """Run work that the end of the service cancels; raise UnavailableError if it was cancelled."""
         with CancelScope() as scope:
             self._interruptible.add(scope)
             try:
@@ -112,7 +112,7 @@ class Front:
             raise UnavailableError("The service is ending. Try again when it is back.")
 
     def end(self) -> None:
-        """Cancel all long work; called in the event loop."""
+        """Cancel all interruptible work, and let the job manager end. It must be called in the event loop."""
         self.manager.ask_to_stop()
         for scope in tuple(self._interruptible):
             scope.cancel()

@@ -1,6 +1,6 @@
 """Surveys of the (δ, ε) plane and populations of gears: request, tiles, zarr store, and the dask cluster.
 
-Pictures are apart, in workers/pictures, so that processes that compute do not load matplotlib.
+This module does not import workers/pictures, so that processes that compute do not load matplotlib.
 """
 
 from importlib import import_module
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.cluster.refinement import refined_frames
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
 
-#: Names that import dask's cluster, which takes a quarter of a second: a survey in one process does not need them.
+#: Names that are imported at their first use: they import dask's cluster, which takes a quarter of a second, and a
+#: survey in one process does not need it.
 _ON_CLUSTERS = {
     "Begun": "gear_rattle.workers.cluster.costs",
     "complete_on": "gear_rattle.workers.cluster.runner",

@@ -1,4 +1,4 @@
-"""Answer questions from a population's store, finished or not."""
+"""Read a population of gears from its store, for `rattle.Population`, which answers questions about it."""
 
 import json
 from collections.abc import Callable
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 def population_of(where: str | Path | Place) -> Population:
-    """Return the population of a store whose gears are all computed, as `rattle.population` does.
+    """Read the population from a store whose gears are all computed.
 
-    Samples of a failed gear count as undecided.
+    The result is that of `rattle.population`. Samples of a failed gear count as undecided.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def population_of(where: str | Path | Place) -> Population:
     """
     place = place_of(where)
     manifest = manifest_of(place)
-    is_whole = manifest is None or whole_root(place, manifest) is not None  # another version may have no manifest
+    is_whole = manifest is None or whole_root(place, manifest) is not None  # old versions wrote no manifest
     request = _request_of(said_by_root(place) if is_whole else {}, str(place))
     with reading(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
@@ -46,9 +46,7 @@ def population_of(where: str | Path | Place) -> Population:
 
 
 def population_in(dataset: "xr.Dataset", name: str) -> Population:
-    """Return the population of an open store, such as one of a service.
-
-    Parameters and results are those of `population_of`; `name` stands for the store in messages.
+    """Read the population from an opened store, for example of a service. name: what messages call the store.
 
     Returns
     -------
@@ -69,9 +67,11 @@ def _request_of(attributes: Any, name: str) -> PopulationRequest:
     try:
         request = request_of(json.loads(attributes["request"])) if "request" in attributes else None
     except (KeyError, ValueError) as error:
-        raise SurveyError(f"{name} holds a population of another version: {error}") from error
+        raise SurveyError(
+            f"{name} holds a population that this version cannot read ({error}): read it with the version that made it"
+        ) from error
     if not isinstance(request, PopulationRequest):
-        raise SurveyError(f"{name} holds no population that can be read: name the store of one")
+        raise SurveyError(f"{name} holds no population that can be read: name the store of a population")
     return request
 
 
@@ -81,7 +81,7 @@ def _population(request: PopulationRequest, column: Callable[[str], np.ndarray],
         raise SurveyError(f"{name} lacks {missing} gears: wait until it is finished, or run it again to resume it")
     found = gears_of(request, column)
     failed = status == FAILED
-    if failed.any():  # they have fill values: numbers and parts follow from the plan
+    if failed.any():  # failed gears have fill values; their numbers and parts follow from the plan
         rows = np.flatnonzero(failed)
         found.part[rows], found.values[rows] = request.plan.parts(rows), request.plan.values(rows)
     return Population(request.plan, found)

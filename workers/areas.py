@@ -1,4 +1,4 @@
-"""Prove the blocks of a plane, by several processes, into one file: a block a line."""
+"""Prove the blocks of a plane in several processes, and write them to one file, one block in each line."""
 
 from __future__ import annotations
 
@@ -28,23 +28,24 @@ def certify_areas(
     on_done: Callable[[int], None] = lambda _: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[ProvedBlock]:
-    """Prove blocks of a plane, in `number` columns of δ, and write them to the file `out`, one a line.
+    """Divide a plane into `number` columns of δ, prove the blocks of each, and write them to the file `out`.
 
-    `on_done` is called after each column with the number of finished columns; `should_stop` is called after that.
+    The file has a block in each line. After each column, `on_done` is called with the number of finished columns, and
+    then `should_stop`.
 
     Returns
     -------
     list[ProvedBlock]
-        The proved blocks, column by column; those of finished columns if it was stopped.
+        The proved blocks, column by column; after a stop, the blocks of the finished columns.
 
     Raises
     ------
     StorageError
-        If the file cannot be written.
+        The file cannot be written now, for example because the disk is full.
     MissingExtraError
-        Without python-flint.
+        python-flint is not installed.
     SurveyError
-        If the file cannot be written.
+        The file cannot be written.
     """
     found: list[ProvedBlock] = []
     try:
@@ -63,7 +64,7 @@ def certify_areas(
 
 
 def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
-    """Yield the blocks of each column, in order."""
+    """Yield the blocks of each column, in the order of the columns."""
     if processes == 1:
         yield from (proved(beta, delta, epsilon) for delta in places)
         return
@@ -75,7 +76,7 @@ def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) 
 
 
 def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBlock]:
-    """Return the blocks of a column that a process of its own proves, which never imports the main module."""
+    """Prove a column in a process of its own, which never imports the main module, and return its blocks."""
     command = [sys.executable, "-c", f"from {__name__} import serve_columns; serve_columns()"]
     asked = pickle.dumps((beta, delta, epsilon))
     answer = subprocess.run(command, input=asked, stdout=subprocess.PIPE, env=environment(), check=True).stdout
@@ -88,7 +89,7 @@ def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBloc
 def serve_columns() -> None:
     """Prove the column that stdin names, and write its blocks or the error to stdout."""
     asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
-    sys.stdout = sys.stderr  # a library may print: that is not part of the answer
+    sys.stdout = sys.stderr  # text that a library prints must not mix with the answer
     try:
         found: list[ProvedBlock] | Exception = proved(*asked)
     except Exception as error:

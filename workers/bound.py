@@ -1,4 +1,4 @@
-"""Meet the bound on the wrong share of a refined survey: its tiles go through rounds of audits until it is met."""
+"""Compute rounds of audits of a refined survey until its share of wrong cells meets the requested bound."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey with all its tiles has a requested bound that is not yet known to be met."""
+    """Return whether a survey has a requested bound that is not known to be met yet. All its tiles must be computed."""
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
@@ -37,20 +37,20 @@ def meet_bound(
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Take a survey whose tiles are all there through rounds of audits until its bound is met.
+    """Compute rounds of audits until the bound of a survey is met. All tiles of the survey must be computed.
 
-    The caller holds the lock of the store, whose attractors are not yet joined. The content of a tile follows from the
-    request and the rounds, and the rounds follow from the findings in all tiles: neither the size of tiles, nor the
-    number of workers, nor interruptions change it.
+    The caller holds the lock of the store, and its families are not joined yet. The content of a tile follows from the
+    request and the rounds, and a round follows from the findings in all tiles. So the size of tiles, the number of
+    workers and interruptions change nothing.
 
     Parameters
     ----------
     each : Each
-        Runs the tasks.
+        Function that runs tasks.
     at_once : int
-        Number of tiles that it gets at a time.
+        Number of tiles in a group of tasks.
     should_pause : Callable[[], bool]
-        Called after each group of tiles; if true, the remaining rounds are left for another call.
+        Called after each group of tiles. If it returns true, the remaining work is left to another call.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def meet_bound(
     later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
-        # All tiles at once: in groups, a turn might end before it reaches a tile that must be computed.
+        # The findings of all tiles are read at once: in groups, a pause could come before any tile is computed.
         found = each(found_in, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
         with noting(place) as note:
@@ -92,7 +92,7 @@ def meet_bound(
 
 
 def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
-    """Return the findings of the last round in a tile; None if it has not gone through the rounds."""
+    """Read the findings of the last of `tile.rounds` from the store; None if the stored tile is of other rounds."""
     place = place_of(path)
     with reading(f"the audit of {place}"):
         stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
@@ -100,12 +100,12 @@ def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
 
 
 def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
-    """Compute a tile after the rounds that it names, and write it. A repetition writes the same bytes.
+    """Compute a tile with its rounds of audits (`tile.rounds`), and write it. A repetition writes the same bytes.
 
     Returns
     -------
     tuple[Counts, dict[str, str]]
-        Findings of the last round, and digests of the tile's chunks by their keys.
+        Findings of the last round, and digests of the tile's chunks by key.
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
@@ -115,7 +115,7 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """Return the findings of the last round in a tile; None if its cells have gone through other rounds."""
+    """Return the findings of the last of `tile.rounds` from a tile's variables; None if these are of other rounds."""
     source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0

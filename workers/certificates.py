@@ -1,7 +1,8 @@
-"""Certificates of a survey's periodic attractors: documents, and variables in a store of their own beside the survey's.
+"""Prove a survey's periodic attractors, and keep their certificates in a store beside the survey's.
 
-Each finding is appended to a file at once, so that a run that was stopped can continue; the variables follow from that
-file. The next run tries unproved attractors again. Checksums of all files are written at the end.
+The store has the certificates as documents in a file, and variables that follow from this file. Each result is appended
+to the file at once, so that a stopped run can be continued. The next run tries unproved attractors again. Checksums of
+all files are written at the end.
 """
 
 from __future__ import annotations
@@ -36,20 +37,22 @@ from rattle.models import Capability, Model, lacking
 if TYPE_CHECKING:
     import xarray as xr
 
-CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"  # one document a line, with its cell and slot
-SEAL = "checksums.json"  # checksums of all other files, written when all attractors are done
+#: Files with a document in each line: the certificates of proved attractors, and the reasons for unproved ones.
+CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"
+SEAL = "checksums.json"  # file with the checksums of all other files, written when all attractors have been tried
 MEANINGS = ("none", "orbit")
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
 AT_ONCE = 32  # motions in one task
-KNOWN = "survey_content_hash"
+KNOWN = "survey_content_hash"  # attribute that names the survey of a store of certificates
 
-Place = tuple[int, int, int]  # slot, cell along ε and along δ
-Answers = list[tuple[Place, dict[str, Any] | str]]  # each a certificate as a document, or the reason why there is none
+Place = tuple[int, int, int]  # slot, and index of the cell along ε and along δ
+#: For each attractor its certificate as a document, or the reason why there is none.
+Answers = list[tuple[Place, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
-    """A periodic attractor of a survey that is to be proved: its slot and cell, parameters, state and label."""
+    """A periodic attractor of a survey to prove. place: slot and cell. tau, v: a state on it. label: (m, n₊, n₋)."""
 
     place: Place
     model: Model
@@ -74,7 +77,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
         The survey has no attractors or has a third axis, or its model has no proofs.
     """
     if "attractor_kind" not in survey:
-        raise SurveyError("the survey has no attractors: ask for the group attractors")
+        raise SurveyError("the survey has no attractors: compute a survey with the group attractors")
     model = surveyed_model(survey)
     if Capability.PROOFS not in model.has:
         raise SurveyError(str(lacking(Capability.PROOFS, model)))
@@ -105,7 +108,7 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
             found.append((claim.place, str(error)))
             continue
         if certificate.label != claim.label:
-            found.append((claim.place, f"the motion there is a P{certificate.label}, not a P{claim.label}"))
+            found.append((claim.place, f"the motion of this state is a P{certificate.label}, not a P{claim.label}"))
         elif certificate.verdict != "attracting":
             found.append((claim.place, f"the motion is {certificate.verdict}"))
         else:
@@ -114,7 +117,7 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
 
 
 def proved_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-    """Prove parts of the attractors in this process."""
+    """Prove groups of attractors in this process."""
     return [certify_claims(part) for part in parts]
 
 
@@ -131,15 +134,16 @@ def certify_survey(
     Parameters
     ----------
     survey : xr.Dataset
-        As `open_survey` gives it.
+        A survey, opened with `open_survey`.
     prove : Callable[[Sequence[list[AttractorClaim]]], list[Answers]]
-        Proves some parts of the attractors, anywhere: `certify_claims` of each, in order. Its errors are passed on.
+        Function that calls `certify_claims` for each list of attractors, here or on a cluster, and returns the answers
+        in the same order. Its errors are passed on.
     at_once : int
-        Number of parts that it gets at a time; their results are stored together.
+        Number of lists in a call of `prove`; their results are stored together.
     on_done : Callable[[int, int], None]
-        Called with the number of finished attractors, those of earlier runs included, and the number of all.
+        Called with the number of attractors that have been tried, in earlier runs too, and the number of all.
     should_stop : Callable[[], bool]
-        Called after each group of parts; if true, the run ends with the results so far.
+        Called after each call of `prove`. If it returns true, the run ends with the results so far.
 
     Returns
     -------
@@ -149,9 +153,9 @@ def certify_survey(
     Raises
     ------
     SurveyError
-        The survey has no attractors, or `out` holds something else.
+        The survey has no attractors, or `out` has other contents.
     MissingExtraError
-        Python-flint is not installed.
+        python-flint is not installed.
     StorageError
         The store cannot be written now.
     """
@@ -193,12 +197,12 @@ def certify_survey(
 
 
 def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
-    """Create the store, or read the radii that an earlier run found. Raises OSError, and SurveyError."""
-    import xarray as xr  # half a second to load
+    """Create the store, or return the radii from an earlier run, by place. Raises OSError and SurveyError."""
+    import xarray as xr  # here, because it takes half a second to load
 
     sealed, files = _sealed(out)
     is_damaged = sealed == _known(survey) and files != _checksums(out, files)
-    if is_damaged:  # nothing says which part is damaged: all attractors are proved again
+    if is_damaged:  # damaged documents cannot be told from whole ones, so all attractors are proved again
         for key in files:
             (out / key).unlink(missing_ok=True)
     if is_damaged or not out.exists() or not any(out.iterdir()):
@@ -210,7 +214,7 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     except (FileNotFoundError, ValueError):
         known = None
     if known != _known(survey):
-        raise SurveyError(f"{out} holds other things than the certificates of this survey: choose another path")
+        raise SurveyError(f"{out} holds other things than certificates of this survey: choose another path")
     (out / SEAL).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
     lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []
@@ -220,7 +224,7 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
             each = json.loads(line)
             place, radius = (each["slot"], *each["cell"]), float(each["time_radius"])
         except (ValueError, KeyError, TypeError):
-            break  # a run was killed while it wrote this line
+            break  # an earlier run was killed while it wrote this line
         if not line.endswith(b"\n"):
             break
         radii[place] = radius
@@ -235,7 +239,7 @@ def _known(survey: xr.Dataset) -> str:
 
 
 def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> bool:
-    """Return whether a completed survey asks for certificates that are not all there yet."""
+    """Return whether a completed survey has requested certificates that are missing or damaged."""
     if not request.certify:
         return False
     out = certificates_of(where)
@@ -251,7 +255,7 @@ def prove_survey(
     on_done: Callable[[int, int], None],
     should_stop: Callable[[], bool],
 ) -> None:
-    """Prove the periodic attractors of a survey, into the store beside it, as `certify_survey` does."""
+    """Prove the periodic attractors of a survey with `certify_survey`, and store the certificates beside the survey."""
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return each(_certified, request, str(where), [(part,) for part in parts])
@@ -265,12 +269,12 @@ def _certified(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]
 
 
 def require_proofs() -> None:
-    """Raise MissingExtraError unless this process can prove."""
-    import rattle.proof.balls  # noqa: F401 - it says what it needs
+    """Raise MissingExtraError if the extra packages for proofs are not installed."""
+    import rattle.proof.balls  # noqa: F401 - raises MissingExtraError
 
 
 def require_certifiable(request: object, where: str | Path | Location) -> None:
-    """Raise SurveyError or MissingExtraError if a request asks for certificates that cannot be made here."""
+    """Raise SurveyError or MissingExtraError if the certificates that a request asks for cannot be made here."""
     if isinstance(request, SurveyRequest) and request.certify:
         certificates_of(where)
         require_proofs()
@@ -281,10 +285,10 @@ class CertificatesIntegrity:
     """Result of checking every file of a store of certificates."""
 
     path: Path
-    survey: str  # content hash and slice of the survey; empty if the store no longer says them
-    files: int  # files that were compared with their checksums
-    damaged: tuple[str, ...]  # lost or damaged files
-    complete: bool  # False while there are no checksums yet, because the run has not ended
+    survey: str  # content hash and slice of the survey; empty if the store has lost them
+    files: int  # how many files were compared with their checksums
+    damaged: tuple[str, ...]  # keys of lost or damaged files
+    complete: bool  # False if there are no checksums yet, because the run has not ended
 
 
 def holds_certificates(where: str | Path | Location) -> bool:
@@ -303,12 +307,12 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     out : pathlib.Path
         The store.
     ended : bool
-        Whether the run that proves is known to have ended: missing checksums are then lost ones.
+        The run that proves has certainly ended, so that missing checksums count as lost.
 
     Returns
     -------
     CertificatesIntegrity
-        Number of compared files, and the lost or damaged ones.
+        Number of compared files, and lost or damaged files.
     """
     known, files = _sealed(out)
     complete = ended or (out / SEAL).exists()
@@ -321,7 +325,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
 
 
 def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
-    """Examine the stores of certificates beside a survey's and beside its slices'. A survey in a bucket has none."""
+    """Examine the stores of certificates beside a survey, for the survey and its slices; none beside a bucket."""
     place = place_of(where)
     if not isinstance(place, Directory):
         return []
@@ -339,7 +343,7 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
 
 
 def _sealed(out: Path) -> tuple[str, dict[str, str]]:
-    """Return the identity of the survey and the checksums of a finished store; nothing if it is unfinished."""
+    """Return the identity of the survey and the checksums of a finished store; both empty if it is not finished."""
     try:
         seal = json.loads((out / SEAL).read_bytes())
         return str(seal[KNOWN]), dict(seal["files"])
@@ -353,7 +357,7 @@ def _below(path: Path) -> list[Path]:
 
 
 def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
-    """Return the checksums of the readable ones among these files."""
+    """Return the checksums of files by key, without files that cannot be read."""
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):

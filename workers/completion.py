@@ -1,4 +1,4 @@
-"""Complete a survey once all its tiles are computed: its bound if it is refined, families, levels, certificates."""
+"""Complete a survey whose tiles are all computed: meet its bound, add families and levels, prove certificates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey with all its tiles still lacks its bound, families, levels or certificates."""
+    """Return whether a survey whose tiles are all computed still lacks its bound, families, levels or certificates."""
     return isinstance(request, SurveyRequest) and any(
         lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
     )
@@ -30,23 +30,23 @@ def complete(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Compute the missing parts of a survey with all its tiles. The caller holds the lock of the store.
+    """Compute the missing additions to a survey whose tiles are all computed. The caller holds the lock of the store.
 
     Parameters
     ----------
     each : Each
-        Runs the tasks.
+        Function that runs tasks.
     at_once : int
-        Number of tiles that it gets at a time for a round or for the join, and of parts of the attractors.
+        Number of tasks in a group; the results of a group are stored together.
     on_proved : Callable[[int, int], None]
-        Called with the number of finished attractors, and of all.
+        Called with the number of attractors that have been tried to prove, and the number of all.
     should_pause : Callable[[], bool]
-        Called after each group; if true, the rest is left for another call.
+        Called after each group. If it returns true, the remaining work is left to another call.
 
     Raises
     ------
     MissingExtraError
-        Attractors are to be proved, and python-flint is not installed.
+        The request asks for certificates, and python-flint is not installed.
     SurveyError
         There is no survey, or it is damaged.
     StorageError
@@ -60,5 +60,5 @@ def complete(
         join_survey(request, where, each, at_once)
     if lacks_levels(request, where):  # after the join, which changes slots
         make_levels(request, where, each)
-    if lacks_certificates(request, where):  # after the join, too: certificates name slots
+    if lacks_certificates(request, where):  # also after the join, because certificates name slots
         prove_survey(request, where, each, at_once, on_proved, should_pause)

@@ -1,4 +1,4 @@
-"""Exceptions of a survey, under one base; the public package `gear_rattle` exports them."""
+"""The exceptions of surveys, all derived from SurveyError. The public package `gear_rattle` exports them."""
 
 import errno
 from collections.abc import Iterable, Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from rattle import RattleError
 from rattle.errors import did_you_mean
 
-LONGEST = 80  # the most characters of a name in a message
+LONGEST = 80  # a message quotes at most this many characters of a name
 
 
 class SurveyError(RattleError):
@@ -18,35 +18,35 @@ class SurveyError(RattleError):
 
 
 class StoppedError(SurveyError):
-    """The operation was stopped on request. The survey is whole."""
+    """The operation was stopped on request. The survey is undamaged."""
 
     __module__ = "gear_rattle"
     code = "stopped"
 
 
 class ClusterLostError(SurveyError):
-    """The cluster went away during a run. The survey is whole: the same run on another cluster continues it."""
+    """The cluster was lost during a run. The survey is undamaged, and the same run on another cluster continues it."""
 
     __module__ = "gear_rattle"
     code = "cluster_lost"
 
 
 class StorageError(SurveyError):
-    """The disk is full, read-only or away. The survey is whole: it continues once the store is writable again."""
+    """The disk is full, read-only or missing. The survey is undamaged, and continues when the store is writable."""
 
     __module__ = "gear_rattle"
     code = "storage_unavailable"
 
 
 class DamageError(SurveyError):
-    """A computed part of a survey cannot be read; it can be computed again."""
+    """A computed part of a survey is damaged and cannot be read. It can be computed again."""
 
     __module__ = "gear_rattle"
     code = "store_damaged"
 
 
 def no_map(variable: str, maps: Iterable[str]) -> str:
-    """Return the message for a missing map: it suggests the one that was probably meant, or lists all."""
+    """Return the message for a missing map. It suggests a map of similar name, or lists all maps."""
     known = sorted(maps)
     meant = did_you_mean(variable, known)
     return f"there is no map {variable[:LONGEST]!r}{meant or ': there are ' + ', '.join(known)}"
@@ -71,14 +71,14 @@ def reading(what: str) -> Iterator[None]:
         ) from error
 
 
-#: Causes that may pass while the survey itself stays as it is.
+#: Causes that may pass, so that the same survey can continue later.
 _PASSING = {
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 }  # fmt: skip
 
 
 def storage_error(what: str, error: OSError) -> SurveyError:
-    """Return the exception for a write that the system refused: a StorageError if the cause may pass."""
+    """Return the exception for a failed write: a StorageError if the cause may pass, else a SurveyError."""
     if error.errno in _PASSING:
         return StorageError(f"{what} ({error}): free space or make it writable, and the same survey continues")
     return SurveyError(f"{what} ({error}): make it writable, or choose another path")

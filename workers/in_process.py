@@ -1,4 +1,4 @@
-"""Run a survey of a few seconds in this process, since starting a cluster takes longer."""
+"""Run a survey of a few seconds in this process, because starting a cluster would take longer."""
 
 import math
 import threading
@@ -17,14 +17,15 @@ from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRe
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS
 
-#: Milliseconds of a cell, in round numbers, so that a command behaves alike on all machines.
+#: Milliseconds for a cell in closed form, for a sample, and for the basins of a cell. These are round constants, not
+#: measured times, so that a command behaves alike on all machines.
 CLOSED_FORM, SAMPLE, BASINS = 0.05, 1 / 64, 40.0
-SLOW_BELOW = 0.3  # δ: transients last some multiple of 1/δ
-FEW_SECONDS = 3.0
+SLOW_BELOW = 0.3  # below this δ, the time of a sample grows like 1/δ
+FEW_SECONDS = 3.0  # a survey is short if it takes at most this many seconds
 
 
 def is_short(request: AnyRequest, cells: int) -> bool:
-    """Return whether so many cells of a survey take a few seconds at most, estimated by their number and kind."""
+    """Return whether a number of cells of a survey takes at most a few seconds, by a rough estimate."""
     groups, whole = set(request.quantities), MODELS[request.model].cell_milliseconds
     if isinstance(request, PopulationRequest):
         samples = SAMPLE * request.samples / request.n_cells if whole is None else whole
@@ -45,24 +46,24 @@ def run_tiles_here(
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
 ) -> None:
-    """Compute tiles of a created store, one after the other, until all are written or `should_stop` says so.
+    """Compute tiles in this process, one after the other, and write them to an existing store.
 
-    The results are those of `run_tiles`, to the bit, but without its protection: a cell that kills its process ends
-    this one.
+    The results are equal to the bit to those of `run_tiles`. There is no protection: a cell that kills its process ends
+    this process.
 
     Parameters
     ----------
     on_tile : Callable[[TileRecord], None]
-        Called in this thread, with each tile that has been written.
+        Called in this thread with the record of each written tile.
     should_stop : Callable[[], bool]
-        Called several times a second. After it returns true this returns within seconds, even in a slow tile.
+        Called several times a second. The run ends within seconds after this returns true, even during a slow tile.
 
     Raises
     ------
     StorageError
         A tile cannot be written now (the disk is full or read-only); the message names it.
     SurveyError
-        A tile cannot be computed; or another run holds the store.
+        A tile cannot be computed, or another run has locked the store.
     """
     tiles = list(tiles)
     for tile in tiles:

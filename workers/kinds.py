@@ -1,4 +1,4 @@
-"""Handle surveys and populations alike: their request decides how tiles and stores are made."""
+"""Functions for surveys and populations alike. The type of the request decides which code handles tiles and stores."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ AnyTile = Tile | GearTile
 
 
 def request_of(document: Any) -> AnyRequest:
-    """Read the request in the document of a job or a store. Raises ValidationError."""
+    """Return the request in the document of a job or a store. Raises ValidationError."""
     kind = PopulationRequest if isinstance(document, dict) and "gear" in document else SurveyRequest
     return kind.model_validate(document)
 
@@ -39,7 +39,7 @@ def tiles_of(request: AnyRequest) -> list[Any]:
 
 
 def compile_for(request: AnyRequest) -> None:
-    """Compile the kernels that tiles need, unless they are compiled: stored numbers come from loaded kernels."""
+    """Compile the kernels that tiles need if they are not in the cache, because only cached kernels compute tiles."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
         rattle.precompile(preload=False, optional=by_request, **request.added_numbers)
@@ -48,17 +48,17 @@ def compile_for(request: AnyRequest) -> None:
 def compute_tile(
     request: AnyRequest, tile: AnyTile, outcomes: Iterable[CellOutcome] | None = None
 ) -> tuple[TileArrays, TileRecord]:
-    """Compute every variable of a tile: a pure function of the request and the tile's cells.
+    """Compute every variable of a tile. The result is a pure function of the request and the tile's cells.
 
     Parameters
     ----------
     outcomes : Iterable[CellOutcome] | None
-        Outcomes of the cells, in their order, if they are computed elsewhere.
+        The outcome of each cell, in their order, if the cells are computed elsewhere.
 
     Returns
     -------
     tuple[TileArrays, TileRecord]
-        Arrays by name over the tile, and its record.
+        The arrays of the tile by variable, and its record.
     """
     compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)
@@ -75,24 +75,24 @@ def cell_outcomes(
 
 
 def template_of(request: AnyRequest, created: str | None = None) -> Template:
-    """Return the files of a store before its first tile; the date of its creation is now by default."""
+    """Return the files of a store before its first tile. created: date of its creation, by default now."""
     found: Template = _template(request).template_of(request, created)
     return found
 
 
 def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return empty arrays of a tile in memory: their files, the arrays, and the key of each variable's chunks."""
+    """Create empty arrays in memory. Return their files, the arrays, and the pattern of each variable's chunk keys."""
     found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
     return found
 
 
 def described(request: AnyRequest, tile: AnyTile) -> str:
-    """Return the name of a tile in messages."""
+    """Return the name of a tile for messages."""
     return str(_tiles(request).described(request, tile))
 
 
 def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
-    """Return the position of a failed cell: indices along the axes of the grid, or the row of the gear."""
+    """Return the position of a failed cell by name of the axis: indices in the grid, or the row of a gear."""
     if isinstance(request, PopulationRequest):
         return {"gear": j}
     along, i = divmod(i, request.shape[0])
@@ -100,7 +100,7 @@ def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
 
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
-    """Return the exception of a run for a tile that could not be computed or written."""
+    """Return the exception with which a run ends if a tile cannot be computed or written."""
     what = described(request, tile)
     if isinstance(error, StorageError):
         return StorageError(f"{what} cannot be written: {error}")

@@ -1,4 +1,4 @@
-"""Make the levels of a survey after its tiles and its join, by blocks whose tasks may run anywhere."""
+"""Build the levels of a survey after its tiles and its join. Each task handles one block, here or on a cluster."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from rattle.attractors import PERIODIC
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey whose tiles are all there and joined still needs levels."""
+    """Return whether a survey needs levels and has none yet. Its tiles must be computed, and its families joined."""
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
 def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
     """Build and store the levels of a survey whose tiles are final.
 
-    The caller holds the lock of the store. The result is a function of the cells alone: neither the shape of tiles nor
-    their order changes it. A run that was killed leaves a survey without levels, which are then built anew.
+    The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
+    killed run leaves a survey without levels, and the next call builds them from the beginning.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
 
 
 def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
-    """Write a block of all levels, and return digests of the written chunks by key. May be repeated."""
+    """Write one block of all levels, and return the digests of the written chunks by key. It may be repeated."""
     place = place_of(path)
     found: dict[str, str] = {}
     status = _read(place, block, "status")
@@ -74,7 +74,7 @@ def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
 
 
 def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
-    """Return the values of a block, moduli for complex variables."""
+    """Read the values of a variable in a block; the moduli of a complex variable."""
     parts = [_read(place, block, part.name) for part in quantity.parts]
     found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
     return found
@@ -83,11 +83,11 @@ def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
 def _chunks(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield the chunks of a variable in each level, and for codes those of their shares and occurrences."""
+    """Yield the chunks of a variable's arrays in each level, by key; for codes also their shares and occurrences."""
     levels = levels_of(request.shape)
     arrays = level_arrays(quantity)
     beside = values.shape[:-2]
-    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # of each level, of each map
+    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # for each level the arrays of each map
     for at in np.ndindex(*beside):
         of = known[at] if known.ndim > 2 else known
         for made, each in zip(found, _reduced(quantity, values[at], of, request), strict=True):
@@ -114,6 +114,6 @@ def _reduced(
 
 
 def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
-    """Return the maps of a variable stacked into one array."""
+    """Stack the maps of a variable into one array."""
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

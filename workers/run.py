@@ -44,27 +44,27 @@ def run_survey(
     Parameters
     ----------
     request : SurveyRequest | Mapping[str, Any] | None
-        What to compute, or fields of a `SurveyRequest`.
+        The request, or a mapping with its fields.
     out : str | Path | Place | None
-        The store, a path or "s3://BUCKET/PREFIX"; by default the values are kept in memory only, and an interrupted
-        survey is lost.
+        Location of the store, a path or "s3://BUCKET/PREFIX". By default the values are kept in memory only, and an
+        interrupted survey is lost.
     cluster : str | Client | int | None
-        The URL of a dask scheduler or a client of it, whose workers see `out`; or the number of processes to start
-        here. By default a survey of a few seconds runs in this process, a longer one in two others.
+        The URL of a dask scheduler or a client of it, whose workers can write to `out`; or the number of processes to
+        start on this machine. By default a survey of a few seconds runs in this process, a longer one in two others.
     progress : Progress | None
         Called repeatedly with the number of computed cells and of all cells.
     fields
-        Fields of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
+        Fields of the request; they replace fields of `request`. An axis may be a (start, stop, num) triple.
 
     Returns
     -------
     xr.Dataset
-        The open survey; with `out` its variables are read from the store when they are needed.
+        The open survey. With `out`, its variables are read from the store when they are needed.
 
     Raises
     ------
     SurveyError
-        The request is invalid, `out` holds something else or cannot be written, or there is no cluster.
+        The request is invalid, `out` has other contents or cannot be written, or there is no cluster.
     """
     wanted = _request(request, fields)
     if out is not None:

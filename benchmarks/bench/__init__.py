@@ -1,1 +1,1 @@
-"""Measured speed, peers included: no product code imports it."""
+"""Measure the speed of the library and of other integrators. No code of the product imports this package."""

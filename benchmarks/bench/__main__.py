@@ -1,4 +1,4 @@
-"""How fast this machine is at what a survey costs: ``PYTHONPATH=benchmarks python -m bench``."""
+"""Measure how fast this computer does the work of surveys: ``PYTHONPATH=benchmarks python -m bench``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Part(StrEnum):
-    """A part of the measurements that can be run alone."""
+    """A group of measurements that can be run alone."""
 
     KERNEL = "kernel"
     CELL = "cell"
@@ -44,7 +44,7 @@ def bench(
         int, typer.Option(min=1, hidden=True, help="Cells of a random sample of the plane, at most.")
     ] = 512,
 ) -> None:
-    """Measure how fast this machine is at what a survey costs. Other programs running meanwhile show in the figures.
+    """Measure how fast this computer does the work of surveys. Other running programs make the figures worse.
 
     kernel: nanoseconds per impact, the scaling over two threads and processes, and the cost of x86-64-v3.
 

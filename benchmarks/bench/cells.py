@@ -1,8 +1,8 @@
-"""Measure the cost of a survey's cells, by how near they are to the quiet limit, beside an older version.
+"""Measure the cost of a survey's cells by their distance from the quiet limit, and compare it with an older version.
 
-Cells are drawn at random from the plane of Figure 7, equally many from each class of ε over the quiet limit, and each
-class has the weight of its share of the plane: the costly classes have few cells. Every class is one block, as a tile
-is.
+Cells are drawn at random from the plane of Figure 7. The classes are ranges of ε divided by the quiet limit. The same
+number of cells is drawn from each class, and each class is weighted by its share of the plane, because expensive
+classes have few cells. The cells of a class are computed at once, like a tile.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ EDGES, WHOLE = (0.9, 0.98, 1.0, 1.2), "the plane"
 
 @dataclass(frozen=True)
 class Sampled:
-    """Cells (n,) of a class, and the share of the plane's cells that are of it."""
+    """The drawn cells (n,) of a class. share: the class' share of all cells of the plane."""
 
     name: str
     share: float
@@ -38,7 +38,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one cell: milliseconds of the processor, impacts on Σ⁺."""
+    """The cost of one cell: milliseconds of processor time, and number of impacts on Σ⁺."""
 
     milliseconds: float
     impacts: float
@@ -46,28 +46,28 @@ class Cost:
 
 @dataclass(frozen=True)
 class Reference:
-    """Costs of another version on some processor, for COUNT initial conditions of PER_CLASS cells of every class."""
+    """Costs by class, measured with another version, for COUNT initial conditions and PER_CLASS cells of each class."""
 
     version: str
     processor: str
     costs: dict[str, Cost]
 
     def ratios(self, name: str, cost: Cost) -> tuple[float, float]:
-        """Impacts and time of a cell over those that this version took."""
+        """Return the impacts and the time of a cell, divided by those of the other version."""
         other = self.costs[name]
         return cost.impacts / other.impacts, cost.milliseconds / other.milliseconds
 
 
 @dataclass(frozen=True)
 class ClassCost:
-    """A class: what its cells cost, and the shares that it has of the plane's cells, impacts and time."""
+    """The mean cost of a cell of a class, and the class' shares of the plane's cells, impacts and time."""
 
     name: str
     cost: Cost
     shares: tuple[float, float, float]
 
 
-#: By `benchmarks/versions.py`. Impacts are the same on every processor, but for chaos.
+#: Measured with `benchmarks/versions.py`. The impacts are the same on every processor, except for chaotic motions.
 F2F9D81 = Reference(
     "f2f9d81",
     "an AMD EPYC (Zen 5)",
@@ -83,7 +83,7 @@ F2F9D81 = Reference(
 
 
 def classes(per_class: int = PER_CLASS) -> list[Sampled]:
-    """Return so many random cells of every class, always the same ones; fewer if fewer were drawn."""
+    """Return `per_class` random cells of each class, always the same cells; fewer if the class has fewer."""
     import rattle
 
     rng = np.random.default_rng(7)
@@ -97,7 +97,7 @@ def classes(per_class: int = PER_CLASS) -> list[Sampled]:
 
 
 def taken(cells: Sampled, count: int = COUNT) -> Cost:
-    """Measure the cost of a cell of a class once."""
+    """Measure the mean cost of the cells of a class once."""
     import rattle
 
     began = time.thread_time()
@@ -107,7 +107,7 @@ def taken(cells: Sampled, count: int = COUNT) -> Cost:
 
 
 def costs(sampled: Sequence[Sampled], count: int = COUNT) -> list[ClassCost]:
-    """Return the costs of the classes, the least of several turns after a warm-up; last the whole plane."""
+    """Return the cost of each class, and last that of the whole plane: the best of TURNS runs after a warm-up."""
     turns = [[taken(each, count) for each in sampled] for _ in range(TURNS + 1)][1:]
     least = [min(each, key=lambda cost: cost.milliseconds) for each in zip(*turns, strict=True)]
     shares = np.array([each.share for each in sampled])

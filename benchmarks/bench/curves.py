@@ -1,4 +1,4 @@
-"""Measure the tracing of curves, for `make bench MEASURED=curves`."""
+"""Measure how long curves take to trace, for `make bench MEASURED=curves`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ MAGNIFIED = (0.74, 0.78), (0.092, 0.1)  # (δ, ε) of Figure 8
 
 
 def bifurcations() -> Iterator[tuple[str, float, int]]:
-    """(what, seconds, points): all curves and points of Figures 7 and 8; branches of five motions; a cascade."""
+    """Yield (name, seconds, number of points) for the curves of Figures 7 and 8, five branches, and a cascade."""
     turns = count()
 
     def figures() -> int:
-        beta = 0.6 + 1e-12 * next(turns)  # nothing is remembered from the turn before
+        beta = 0.6 + 1e-12 * next(turns)  # another β each time, so that no cached curve is returned
         traced = (
             rattle.curves.trace(name, beta, *window) for window in (PLANE, MAGNIFIED) for name in rattle.curves.NAMES
         )
@@ -31,5 +31,5 @@ def bifurcations() -> Iterator[tuple[str, float, int]]:
         (f"branches of {len(orbits)} motions", lambda: sum(len(rattle.branch(orbit)) for orbit in orbits)),
         ("six period doublings of D", lambda: len(rattle.cascade(stable, span=(0.05, 0.16)))),
     ):
-        points = work()  # compiles what is not yet
+        points = work()  # compiles kernels that are not in the cache yet
         yield name, best([work])[0], points

@@ -1,4 +1,4 @@
-"""Measured speed of global dynamics: basins, their boundaries, manifolds, the crisis, a bifurcation diagram."""
+"""Measure the speed of global dynamics: basins, their boundaries, manifolds, the crisis, a bifurcation diagram."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.manifolds import manifold
 
 DELTA, EPSILON = 0.6, 0.1
-SIDE = 1000  # cells of a basin, each way
+SIDE = 1000  # cells along each axis of a picture of basins
 ARCLENGTH = 20.0
-STEPS = 1000  # of the diagram
-CRISIS = 0.762  # damping
+STEPS = 1000  # steps of the diagram
+CRISIS = 0.762  # damping at which the crisis is computed
 
 
 def times() -> Iterator[tuple[str, float, str]]:
-    """(what, seconds, what that makes); one core, kernels compiled."""
+    """Yield (name, seconds, resulting rate or size) of each computation; one core, kernels compiled."""
     gear, cells = rattle.Gear(DELTA, EPSILON), SIDE * SIDE
     saddle = period_one_saddle("A", DELTA, EPSILON)
     found: dict[str, Any] = {}

@@ -1,6 +1,6 @@
-"""Measure the figures of `make bench`. A figure is the best of several turns, because load can only slow a turn.
+"""Measure the figures of `make bench`. A figure is the best of several runs, because load can only slow a run down.
 
-Measurements to be compared take turns, so that a temporary load slows all of them.
+Runs that are compared alternate, so that a temporary load slows all of them.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     Arguments = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]
 
 TURNS, TURNS_IN_STEP = 5, 15
-PATIENCE = 300.0  # seconds that one runner waits for the other, which may have to compile first
-IMPACTS = {"A": 300, "B": 300, "C": 200}  # on Σ⁺, of every trajectory
-PER_CELL = 16  # trajectories of each cell of workload C
+PATIENCE = 300.0  # longest wait of one runner for the other, which may have to compile first
+IMPACTS = {"A": 300, "B": 300, "C": 200}  # by workload: impacts on Σ⁺ of each trajectory
+PER_CELL = 16  # trajectories for each cell of workload C
 NANO = 1e9
 CELLS = {
     "quiet only (0.6, 0.056)": (0.6, 0.056),
@@ -43,14 +43,23 @@ CELLS = {
 NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around a named one
 PLANE = (0.4, 1.0), (0.005, 0.3)  # (δ, ε) of Figure 7
 LARGE = 1_000_000  # cells of the survey whose time is extrapolated
-#: Haswell has what x86-64-v3 names, and no more: without the second, numba would add what this processor has besides.
+#: Variables that make numba compile for x86-64-v3: a Haswell has just these instructions, and the empty second variable
+#: keeps numba from adding further instructions of this processor.
 X86_64_V3 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
 FIRST_RESULT = "import rattle; rattle.Gear(0.6, 0.1).attractors(count=64)"
 KIBIBYTE = 1024
 
 
 def workloads() -> dict[str, tuple[NDArray[np.float64], ...]]:
-    """(τ, v, δ, ε) of A: δ = 0.6, ε = 0.1, v in (0.5, 7); B: there, v in (0.01, 0.2); C: 64 × 64 cells of the plane."""
+    """Return (τ, v, δ, ε) of the trajectories of each workload.
+
+    A: δ = 0.6, ε = 0.1, v from 0.5 to 7. B: the same point, v from 0.01 to 0.2. C: 64 × 64 cells of the plane.
+
+    Returns
+    -------
+    dict[str, tuple[NDArray[np.float64], ...]]
+        Four arrays of one length, by workload.
+    """
     sets: dict[str, tuple[NDArray[np.float64], ...]] = {}
     for name, low, high in (("A", 0.5, 7.0), ("B", 0.01, 0.2)):
         rng, n = np.random.default_rng(7), 4096
@@ -63,7 +72,7 @@ def workloads() -> dict[str, tuple[NDArray[np.float64], ...]]:
 
 
 def _arguments(name: str, thin: int) -> Arguments:
-    """Return the arguments of `rattle.iterate`, for every thin-th trajectory of a workload."""
+    """Return the arguments of `rattle.iterate` for a workload, with every thin-th trajectory."""
     tau, v, delta, epsilon = (np.ascontiguousarray(x[::thin]) for x in workloads()[name])
     return delta, epsilon, tau, v, IMPACTS[name]
 
@@ -75,21 +84,25 @@ def _seconds(run: Callable[[], Any]) -> float:
 
 
 def best(runs: Sequence[Callable[[], Any]]) -> list[float]:
-    """Seconds of the fastest turn of each run, after one that is not counted."""
+    """Return the least seconds of each function in TURNS alternating runs, after a first run that does not count."""
     for run in runs:
         run()
     return np.min([[_seconds(run) for run in runs] for _ in range(TURNS)], axis=0).tolist()
 
 
 def best_of_two(run: Callable[[], Any]) -> float:
-    """Seconds of the faster of two turns, after one that is not counted; for what takes seconds."""
+    """Return the seconds of the faster of two runs, after a first run that does not count; for slow functions."""
     run()
     return min(_seconds(run) for _ in range(2))
 
 
 @dataclass(frozen=True)
 class Rate:
-    """A workload in one thread: nanoseconds per impact on either wall, shares of flights that take the slow paths."""
+    """The speed of a workload in one thread.
+
+    plain, tangent: nanoseconds per impact on either wall, without and with the tangent map. scanned, searched: shares
+    of flights that take the slower paths of the kernel.
+    """
 
     workload: str
     plain: float
@@ -99,7 +112,7 @@ class Rate:
 
 
 def rates(thin: int = 1) -> list[Rate]:
-    """Each workload with and without tangent; `thin` keeps every thin-th trajectory."""
+    """Measure each workload without and with the tangent map, with every thin-th trajectory."""
     import rattle
     from rattle.impacting.map.iterate import paths
 
@@ -114,7 +127,7 @@ def rates(thin: int = 1) -> list[Rate]:
 
 
 def scaling(thin: int = 1) -> Iterator[tuple[str, float]]:
-    """(runners, how much more two of them do than one), each with its half of workload A."""
+    """Yield (kind of runners, work of two runners divided by that of one); each runner has half of workload A."""
     with ThreadPoolExecutor(2) as threads:
         barrier = threading.Barrier(2)
         yield "2 threads", _scaling(threads, partial(_in_step, thin, barrier))
@@ -129,7 +142,7 @@ def _scaling(pool: Executor, run: Callable[[int], tuple[list[float], NDArray[np.
     return float(2.0 * min(first[0]) / np.min(together[:, :, 1].max(axis=0) - together[:, :, 0].min(axis=0)))
 
 
-_barriers: list[Any] = []  # of a spawned process: one; it can be inherited, not sent with a task
+_barriers: list[Any] = []  # the barrier of a spawned process, which can only be inherited, not sent with a task
 
 
 def _meet_at(barrier: Any) -> None:
@@ -137,7 +150,14 @@ def _meet_at(barrier: Any) -> None:
 
 
 def _in_step(thin: int, barrier: Any, index: int) -> tuple[list[float], NDArray[np.float64]]:
-    """Seconds of the first runner's half while the other waits; when this runner's half began and ended beside it."""
+    """Run one half of workload A repeatedly, in step with another runner.
+
+    Returns
+    -------
+    tuple[list[float], NDArray[np.float64]]
+        Seconds of each run while the other runner waits (first runner only), and begin and end of each run while both
+        run.
+    """
     import rattle
 
     delta, epsilon, tau, v, n = _arguments("A", thin)
@@ -158,7 +178,7 @@ def _in_step(thin: int, barrier: Any, index: int) -> tuple[list[float], NDArray[
 
 
 def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
-    """Nanoseconds per impact, plain and with tangent, of workload A compiled for this processor and for x86-64-v3."""
+    """Measure workload A compiled for this processor and for x86-64-v3; `_workload_a` explains both numbers."""
     native, other = list[list[float]](), list[list[float]]()
     measured = _workload_a(thin)
     with _elsewhere(thin) as ask:
@@ -172,7 +192,7 @@ def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
 
 
 def _workload_a(thin: int) -> Callable[[], list[float]]:
-    """Return a function that measures workload A once, in nanoseconds per impact: plain, with tangent."""
+    """Return a function that measures workload A once: nanoseconds per impact without and with the tangent map."""
     import rattle
     from rattle.impacting.map.iterate import paths
 
@@ -184,7 +204,7 @@ def _workload_a(thin: int) -> Callable[[], list[float]]:
 
 @contextmanager
 def _elsewhere(thin: int) -> Iterator[Callable[[], list[float]]]:
-    """Another process, compiled for x86-64-v3, that measures workload A when asked."""
+    """Yield a function that lets another process, compiled for x86-64-v3, measure workload A."""
     command = [sys.executable, "-c", f"from bench.measure import answer; answer({thin})"]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=os.environ | X86_64_V3) as child:
@@ -202,7 +222,7 @@ def _elsewhere(thin: int) -> Iterator[Callable[[], list[float]]]:
 
 
 def answer(thin: int) -> None:
-    """Measure workload A for each line read, until there are no more."""
+    """Measure workload A for each line of stdin, and print the result."""
     measured = _workload_a(thin)
     for _ in sys.stdin:
         print(*measured(), flush=True)
@@ -210,7 +230,7 @@ def answer(thin: int) -> None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Samples that end alike, and the impacts on Σ⁺ that they made."""
+    """The samples that end on one kind of attractor: their number, and their impacts on Σ⁺ in total."""
 
     kind: str
     samples: int
@@ -218,12 +238,12 @@ class Outcome:
 
     @property
     def mean(self) -> float:
-        """Impacts of one sample."""
+        """The mean number of impacts of a sample."""
         return self.impacts / self.samples
 
 
 def _attractors(delta: NDArray[np.float64], epsilon: Any, count: int) -> tuple[list[Outcome], Callable[[], Any]]:
-    """The outcomes of some cells, and what computes them."""
+    """Return the outcomes of some cells, and the function that computes them."""
     import rattle
 
     run = partial(rattle.attractors_of, delta, epsilon, 0.6, count, 7.0, 0)
@@ -234,14 +254,22 @@ def _attractors(delta: NDArray[np.float64], epsilon: Any, count: int) -> tuple[l
 
 
 def cells(count: int, row: int = 64) -> Iterator[tuple[str, float, list[Outcome]]]:
-    """(cell, milliseconds per cell, outcomes), one core; of a row of neighbouring δ, because lanes are shared."""
+    """Yield (name, milliseconds per cell, outcomes) for each of CELLS, on one core.
+
+    Each measurement computes a row of `row` neighbouring cells, because the cells of a tile share lanes.
+
+    Yields
+    ------
+    tuple[str, float, list[Outcome]]
+        The measurement of a cell.
+    """
     for name, (delta, epsilon) in CELLS.items():
         outcomes, run = _attractors(delta + np.linspace(-NEIGHBOURS, NEIGHBOURS, row), epsilon, count)
         yield name, best([run])[0] / row * 1e3, outcomes
 
 
 def plane(count: int, size: int = 512) -> tuple[float, list[Outcome]]:
-    """Milliseconds per cell, one core, and the outcomes of a random sample of the plane of Figure 7."""
+    """Return the milliseconds per cell on one core, and the outcomes, for random cells of the plane of Figure 7."""
     rng = np.random.default_rng(7)
     delta, epsilon = (rng.uniform(*bounds, size) for bounds in PLANE)
     outcomes, run = _attractors(delta, epsilon, count)
@@ -250,12 +278,13 @@ def plane(count: int, size: int = 512) -> tuple[float, list[Outcome]]:
 
 @dataclass(frozen=True)
 class SurveyCost:
-    """A survey on an embedded cluster: where the processes' time went, all in seconds but the peak memory, in MiB.
+    """The cost of a survey on an embedded cluster: times in seconds, memory in MiB.
 
-    `seconds` runs from the first tile submitted to the last one written; compiling and starting come before. The times
-    below are of all processes together and add up to n_workers × seconds. Writing is what a tile's task takes beside
-    computing. Dask has what passes before a process's first tile and between two, and the end is idle for a process
-    that has no tile left.
+    seconds: from the submission of the first tile to the end of the last, without starting and compiling. computing,
+    writing, dask, idle_end: these are summed over all processes, and add up to n_workers × seconds. computing: the
+    computation of tiles. writing: the remaining time of tasks. dask: the time before a process' first task and between
+    its tasks. idle_end: the time after a process' last task. front_mebibytes, workers_mebibytes: peak memory of this
+    process, and of all workers together.
     """
 
     cells: int
@@ -270,18 +299,18 @@ class SurveyCost:
 
     @property
     def cells_per_second(self) -> float:
-        """Return the cells per second of all processes together."""
+        """The number of cells per second, for all processes together."""
         return self.cells / self.seconds
 
     @property
     def large_hours(self) -> float:
-        """Hours that a million cells would take: as these, but without the idle end, which does not grow."""
+        """The hours that a million such cells would take, without the idle time at the end, which does not grow."""
         busy = self.computing + self.writing + self.dask
         return busy / self.n_workers / self.cells * LARGE / 3600
 
 
 def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = None) -> SurveyCost:
-    """Survey the plane of Figure 7 on an embedded cluster; a large survey has tiles of 32 × 32, a small one less."""
+    """Measure a survey of the plane of Figure 7 on an embedded cluster. tile: cells along a tile, by default few."""
     from distributed import get_task_stream
 
     from gear_rattle import workers as w
@@ -317,7 +346,7 @@ def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = N
 
 
 def _tasks(stream: list[dict[str, Any]]) -> tuple[float, list[float]]:
-    """Seconds of all tasks together, and when each worker ended its last one."""
+    """Return the total seconds of all tasks, and the time at which each worker ended its last task."""
     seconds, last = 0.0, dict[str, float]()
     for task in stream:
         for span in task["startstops"]:
@@ -328,16 +357,16 @@ def _tasks(stream: list[dict[str, Any]]) -> tuple[float, list[float]]:
 
 
 def _peak_memory() -> float:
-    """Peak resident memory of this process in MiB."""
+    """Return the peak resident memory of this process in MiB."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / KIBIBYTE
-    except (OSError, StopIteration):  # no Linux; there a child may begin with the peak of its parent
+    except (OSError, StopIteration):  # on systems other than Linux; on Linux ru_maxrss may include the parent's peak
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIBIBYTE
 
 
 def start() -> Iterator[tuple[str, float]]:
-    """(what, seconds from the start of a process to its end)."""
+    """Yield (name, seconds from the start of a new process to its end) for several programs."""
     yield "first result", best([partial(_process, FIRST_RESULT)])[0]
     yield "of which import rattle", best([partial(_process, "import rattle")])[0]
     with tempfile.TemporaryDirectory() as directory:

@@ -1,8 +1,8 @@
-"""Other people's integrators on the same trajectories: how fast they are, and whether they agree with `rattle`.
+"""Measure other integrators on the same trajectories: their speed, and their differences from `rattle`.
 
-heyoka (Taylor series, several trajectories at once) and scipy (DOP853) know nothing of the closed form: they integrate
-the equation of motion and stop where Φ reaches a wall. So each is a peer to be timed against and an independent oracle.
-Either can pass through a wall near grazing; such trajectories are counted as lost, never left out in silence.
+heyoka (Taylor series, several trajectories at once) and scipy (DOP853) do not use the closed form of a flight. They
+integrate the equation of motion and stop where Φ reaches a wall, so each is also an independent check. Both can pass
+through a wall near grazing; such trajectories are counted as lost.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 TWO_PI = 2.0 * math.pi
 BETA = 0.6
 REPEATS = 5
-FULL = 4096  # trajectories beside which the lanes left empty at the end do not show
-PATIENCE = 50.0  # forcing periods after which a flight that has not ended is lost
-BATCH = 8  # trajectories that heyoka integrates at once; 4, 16 and 32 are no faster
-STEPS = 256  # heyoka's steps between two looks for lanes that have left the gap
-OUTSIDE = 1e-6  # so far beyond a wall is no rounding
-RTOL, ATOL = 1e-13, 1e-14  # scipy's
+FULL = 4096  # rattle gets at least this many trajectories, so that its lanes are full nearly all the time
+PATIENCE = 50.0  # a flight that has not ended after this many forcing periods is lost
+BATCH = 8  # number of trajectories that heyoka integrates at once; 4, 16 and 32 are no faster
+STEPS = 256  # heyoka's steps between two checks for lanes that have left the gap
+OUTSIDE = 1e-6  # a state farther than this beyond a wall has passed through it, which rounding does not explain
+RTOL, ATOL = 1e-13, 1e-14  # tolerances of scipy
 INSTALL = "pip install 'gear-rattle[peers]'"
 
 
 @dataclass(frozen=True)
 class Starts:
-    """States (τ, v) on Σ⁺ and their parameters; flat float64 arrays of one length. β is 0.6."""
+    """States (τ, v) of departures from Σ⁺ with their parameters, as flat float64 arrays of one length; β is 0.6."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -46,20 +46,20 @@ class Starts:
 
 
 class Runner(Protocol):
-    """Π^n of every start by one peer; n_plus < n where it lost the wall (the state there means nothing)."""
+    """A function that computes Πⁿ of states with another integrator."""
 
     def __call__(self, starts: Starts, n: int) -> Iterates:
-        """Final states, each of the starts' length."""
+        """Return the final states. n_plus < n marks a lost trajectory, whose state means nothing."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """One peer, measured.
+    """The measured speed and differences of another integrator.
 
-    Nanoseconds are per impact on either wall, one core, δ = 0.6, ε = 0.1, the peer's and rattle's on the same
-    trajectories; the impacts are those that each really made. The errors are the largest differences from
-    `rattle.Gear.impact` after one Π, in phase and relative in speed, over the compared trajectories but the lost ones,
-    on which the peer passed through a wall, stopped, or met other walls than rattle.
+    nanoseconds, rattle_nanoseconds: per impact on either wall, on one core, for the same trajectories at δ = 0.6,
+    ε = 0.1. phase_error, speed_error: largest differences from `rattle.Gear.impact` after one Π, absolute in phase and
+    relative in speed, without lost trajectories. compared: number of compared trajectories. lost: how many of these
+    passed through a wall, stopped, or met other walls than rattle's.
     """
 
     name: str
@@ -73,12 +73,12 @@ class Peer:
 
     @property
     def ratio(self) -> float:
-        """How many times longer the peer takes than rattle."""
+        """The time of the other integrator divided by that of rattle."""
         return self.nanoseconds / self.rattle_nanoseconds
 
 
 def peers(compared: int = 400) -> Iterator[Peer]:
-    """Each installed peer, measured; every one takes some seconds. `compared` trajectories check its answers."""
+    """Measure each installed integrator, which takes some seconds. compared: number of trajectories to compare."""
     for name, (make, count, n) in PEERS.items():
         if find_spec(name) is None:
             continue
@@ -89,29 +89,34 @@ def peers(compared: int = 400) -> Iterator[Peer]:
 
 
 def missing() -> dict[str, str]:
-    """The peers that are not installed, each with the command that installs it."""
+    """Return the integrators that are not installed, each with the command that installs it."""
     return {name: INSTALL for name in PEERS if find_spec(name) is None}
 
 
 def workload(count: int) -> Starts:
-    """The first `count` states of the benchmark's workload A: δ = 0.6, ε = 0.1, v in (0.5, 7)."""
+    """Return the first `count` states of workload A: δ = 0.6, ε = 0.1, v from 0.5 to 7."""
     from bench.measure import workloads
 
     return Starts(*(x[:count] for x in workloads()["A"]))
 
 
 def random_starts(count: int, seed: int = 7) -> Starts:
-    """Random states over the plane: δ ∈ [0.4, 1], ε ∈ [0.02, 0.3], τ ∈ [0, 1), v ∈ (0.01, 7)."""
+    """Return random states at random points: δ in [0.4, 1], ε in [0.02, 0.3], τ in [0, 1), v in (0.01, 7)."""
     rng = np.random.default_rng(seed)
     bounds = ((0.0, 1.0), (0.01, 7.0), (0.4, 1.0), (0.02, 0.3))
     return Starts(*(rng.uniform(low, high, count) for low, high in bounds))
 
 
 def race(run: Runner, starts: Starts, n: int) -> tuple[float, float]:
-    """Nanoseconds per impact of the peer and of rattle, all starts at δ = 0.6, ε = 0.1; each the best of runs in turn.
+    """Return the nanoseconds per impact of another integrator and of rattle, each the best of alternating runs.
 
-    Compiling comes before and is not counted. Rattle flies the same trajectories over and over, so that its lanes are
-    full; each of its turns is several runs, because one is short and would measure caches that the peer left cold.
+    Compilation does not count. rattle computes the same trajectories several times, so that its lanes are full. It runs
+    REPEATS times in succession, because a single short run would measure the caches that the other integrator left.
+
+    Returns
+    -------
+    tuple[float, float]
+        The other integrator's and rattle's nanoseconds.
     """
     gear = rattle.Gear(0.6, 0.1, BETA)
     tau, v = (np.tile(x, -(-FULL // x.size)) for x in (starts.tau, starts.v))
@@ -127,7 +132,7 @@ def race(run: Runner, starts: Starts, n: int) -> tuple[float, float]:
 
 
 def _nanoseconds(run: Callable[[], Iterates]) -> float:
-    """Nanoseconds per impact of one run."""
+    """Return the nanoseconds per impact of one run."""
     began = time.perf_counter()
     done = run()
     seconds = time.perf_counter() - began
@@ -135,7 +140,7 @@ def _nanoseconds(run: Callable[[], Iterates]) -> float:
 
 
 def differences(run: Runner, starts: Starts) -> tuple[float, float, int, int]:
-    """One Π by the peer against rattle: largest difference in phase, in speed (relative), compared, lost."""
+    """Compare one Π with rattle's. Return the fields phase_error, speed_error, compared and lost of `Peer`."""
     theirs = run(starts, 1)
     columns = zip(starts.tau, starts.v, starts.delta, starts.epsilon, strict=True)
     ours = [rattle.Gear(delta, epsilon, BETA).impact(tau, v) for tau, v, delta, epsilon in columns]
@@ -148,7 +153,7 @@ def differences(run: Runner, starts: Starts) -> tuple[float, float, int, int]:
 
 @dataclass
 class _Arrivals:
-    """Final states being filled in; a trajectory that is never settled keeps n_plus = 0 and is lost."""
+    """The final states so far. A trajectory without a final state keeps n_plus = 0, which means that it is lost."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -160,7 +165,7 @@ class _Arrivals:
         return cls(np.zeros(size), np.zeros(size), np.zeros(size, np.int64), np.zeros(size, np.int64))
 
     def settle(self, index: int, when: float, v: float, n_plus: int, n_minus: int) -> None:
-        """Record one trajectory's end."""
+        """Record the final state of a trajectory."""
         self.tau[index], self.v[index] = when % 1.0, v
         self.n_plus[index], self.n_minus[index] = n_plus, n_minus
 
@@ -169,19 +174,19 @@ class _Arrivals:
 
 
 class Heyoka:
-    """Runner on heyoka's batch integrator; reflection by callback. Making one compiles (some tenths of a second).
+    """Runner with heyoka's batch integrator; callbacks reflect trajectories. Creating one compiles for some 0.1 s.
 
-    A flight starts one rounding inside the gap: where an event function is exactly zero at the start of a step, the
-    return to that wall within the step goes unseen. Events have a direction and no cooldown, so that only arrivals
-    count, and short bounces too.
+    A flight begins one rounding error inside the gap, because heyoka misses an event of a wall within a step that
+    begins exactly on this wall. Events have a direction, so that only arrivals count, and no cooldown, so that short
+    bounces count too.
     """
 
     def __init__(self) -> None:
         import heyoka
 
         self.edge = math.nextafter(BETA, 0.0)
-        self.left = [0] * BATCH  # per lane: impacts on Σ⁺ still to come; 0: arrived
-        self.below = [0] * BATCH  # per lane: impacts on Σ⁻ so far
+        self.left = [0] * BATCH  # for each lane: remaining impacts on Σ⁺; 0: the trajectory has ended
+        self.below = [0] * BATCH  # for each lane: impacts on Σ⁻ so far
         height, velocity = heyoka.make_vars("height", "velocity")
         arriving = heyoka.event_direction
         self.integrator: Any = heyoka.taylor_adaptive_batch(
@@ -198,12 +203,20 @@ class Heyoka:
                 ),
             ],
         )
-        # Cheaper than arrays to index one by one; writes go to the integrator.
+        # Memory views are faster than arrays for single elements, and write to the integrator's state.
         self.heights: Any = memoryview(self.integrator.state[0])
         self.velocities: Any = memoryview(self.integrator.state[1])
 
     def _on_upper(self) -> Callable[[object, int, int], bool]:
-        """Callback that reflects on Σ⁺, and stops when a lane has arrived. heyoka would copy a bound method's self."""
+        """Return a callback that reflects on Σ⁺ and stops when a trajectory has ended.
+
+        The callback is no bound method, because heyoka would copy its `self`.
+
+        Returns
+        -------
+        Callable[[object, int, int], bool]
+            The callback.
+        """
 
         def reflect(_integrator: object, _sign: int, lane: int) -> bool:
             self.heights[lane] = self.edge
@@ -214,7 +227,7 @@ class Heyoka:
         return reflect
 
     def _on_lower(self) -> Callable[[object, int, int], bool]:
-        """Callback that reflects on Σ⁻."""
+        """Return a callback that reflects on Σ⁻."""
 
         def reflect(_integrator: object, _sign: int, lane: int) -> bool:
             self.heights[lane] = -self.edge
@@ -225,7 +238,7 @@ class Heyoka:
         return reflect
 
     def __call__(self, starts: Starts, n: int) -> Iterates:
-        """Π^n of every start; n ≥ 1. A lane that is done takes the next trajectory."""
+        """Return Πⁿ of all states, n ≥ 1. A free lane takes the next trajectory."""
         arrivals, waiting = _Arrivals.empty(starts.tau.size), iter(range(starts.tau.size))
         clock, ends = np.zeros(BATCH), np.zeros(BATCH)
         running = {lane: self._load(lane, starts, next(waiting, None), n, clock, ends) for lane in range(BATCH)}
@@ -252,7 +265,7 @@ class Heyoka:
         clock: NDArray[np.float64],
         ends: NDArray[np.float64],
     ) -> int | None:
-        """Put a trajectory into a lane and return its index; None puts the lane to rest."""
+        """Put a trajectory into a lane and return its index. With None, make the lane idle."""
         self.left[lane], self.below[lane] = n, 0
         if index is None:
             self.heights[lane], self.velocities[lane], ends[lane] = 0.0, 0.0, clock[lane]
@@ -264,14 +277,14 @@ class Heyoka:
 
 
 def _acceleration(heyoka: Any, velocity: Any) -> Any:
-    """Φ'' in free flight as heyoka's expression; its parameters are δ and ε."""
+    """Return Φ'' in free flight as an expression of heyoka with the parameters δ and ε."""
     delta, epsilon, turn = heyoka.par[0], heyoka.par[1], TWO_PI * heyoka.time
     steady = delta * (2.0 * TWO_PI - velocity)
     return steady - TWO_PI * epsilon * (TWO_PI * heyoka.cos(turn) + delta * heyoka.sin(turn))
 
 
 class _Wall:
-    """Event function of scipy's solve_ivp: zero on a wall, counted when the motion comes from inside, then terminal."""
+    """Event function for scipy's solve_ivp: zero on a wall. An arrival from inside ends the integration."""
 
     terminal = True
 
@@ -283,13 +296,13 @@ class _Wall:
 
 
 class Scipy:
-    """Runner on scipy's solve_ivp (DOP853, tight tolerances), restarted on the wall after every impact."""
+    """Runner with scipy's solve_ivp (DOP853, tight tolerances), started again on the wall after each impact."""
 
     def __init__(self) -> None:
         self.walls = _Wall(1), _Wall(-1)
 
     def __call__(self, starts: Starts, n: int) -> Iterates:
-        """Π^n of every start, one after the other."""
+        """Return Πⁿ of all states, computed one after the other."""
         arrivals = _Arrivals.empty(starts.tau.size)
         columns = zip(starts.tau, starts.v, starts.delta, starts.epsilon, strict=True)
         for index, (tau, v, delta, epsilon) in enumerate(columns):
@@ -297,7 +310,7 @@ class Scipy:
         return arrivals.iterates()
 
     def _iterate(self, tau: float, v: float, delta: float, epsilon: float, n: int) -> tuple[float, float, int, int]:
-        """Time, speed, and impacts on Σ⁺ and Σ⁻ of one trajectory, to its n-th impact on Σ⁺ or to where it is lost."""
+        """Follow a trajectory to its n-th impact on Σ⁺ or until it is lost; return time, speed, impacts by wall."""
         when, side, velocity, hits = tau, 1, -v, {1: 0, -1: 0}
         while hits[1] < n:
             arrival = self._fly(when, side, velocity, delta, epsilon)
@@ -310,10 +323,15 @@ class Scipy:
     def _fly(
         self, when: float, side: int, velocity: float, delta: float, epsilon: float
     ) -> tuple[float, int, float] | None:
-        """Time, wall and velocity of the first impact of one flight; None if it is lost.
+        """Return time, wall and velocity of the first impact of a flight, or None if the flight is lost.
 
-        The event function is exactly zero at the start. The first step is one after which the flight, turning at its
-        hardest, cannot be back yet: so its end is off the wall, and the zero at the start is never taken for an impact.
+        The event function is zero at the start of the flight. The first step is so short that even the largest possible
+        acceleration cannot bring the flight back to the wall; so the zero at the start never counts as an impact.
+
+        Returns
+        -------
+        tuple[float, int, float] | None
+            Time, wall (1 or −1) and velocity.
         """
         from scipy.integrate import solve_ivp
 
@@ -337,7 +355,7 @@ class Scipy:
 
 
 def _field(delta: float, epsilon: float) -> Callable[[float, NDArray[np.float64]], tuple[float, float]]:
-    """(Φ', Φ'') in free flight, for scipy."""
+    """Return the function for (Φ', Φ'') in free flight, as scipy needs it."""
     steady, cosine, sine = 2.0 * TWO_PI * delta, TWO_PI * TWO_PI * epsilon, TWO_PI * delta * epsilon
 
     def field(when: float, state: NDArray[np.float64]) -> tuple[float, float]:
@@ -348,5 +366,5 @@ def _field(delta: float, epsilon: float) -> Callable[[float, NDArray[np.float64]
     return field
 
 
-# How to make each peer, and what is timed: so many trajectories of workload A, so many impacts on Σ⁺ of each.
+# For each integrator: its runner, the number of trajectories of workload A to time, and their impacts on Σ⁺.
 PEERS: dict[str, tuple[Callable[[], Runner], int, int]] = {"heyoka": (Heyoka, 256, 50), "scipy": (Scipy, 24, 20)}

@@ -23,20 +23,20 @@ COOKIE = "rattle_session"
 #: Cookie in which older versions kept the key itself; signing in removes it.
 OLD_COOKIE = "rattle_key"
 
-#: Scopes that a key of each scope has: a key that may submit may also read.
+#: By requested scope: all scopes that the key gets. A key that may submit may also read.
 ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 
 @dataclass(frozen=True)
 class Caller:
-    """Sender of a request: the owner of a key, or anybody where no key is needed."""
+    """The sender of a request: the owner of a key, or anybody if the service needs no keys."""
 
     key: KeyRow | None = None
     session: str | None = None  # hash of the browser's session, if the request has one
 
     @property
     def identity(self) -> Identity | None:
-        """Identity that decides whether this caller may stay; None where no key is needed."""
+        """The key and session of the caller, which may be revoked or ended; None if the service needs no keys."""
         return (self.key.id, self.session) if self.key else None
 
     @property
@@ -56,14 +56,14 @@ class Caller:
 def add_key(
     database: Database, name: str, scope: Scope, max_cells: int | None = None, max_running: int | None = None
 ) -> tuple[KeyRow, str]:
-    """Add a key, and return it with its token, which its owner sends. The token cannot be shown again."""
+    """Add a key. Return it together with the token that its owner sends; the token cannot be shown again."""
     secret = secrets.token_urlsafe(SECRET_BYTES)
     key = database.add_key(name, hash_of(secret), ALLOWS[scope], max_cells, max_running)
     return key, f"rattle_{key.id}_{secret}"
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """Return the live key of a token. It asks the database each time, so a revoked key is refused at once."""
+    """Return the valid key of a token, or None. The database is read each time, so a revoked key is refused at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
@@ -83,7 +83,7 @@ def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
 
 
 def find_session(database: Database, token: str) -> Caller | None:
-    """Return the caller whose browser holds this token; None after sign-out, expiry or revocation of its key."""
+    """Return the caller whose browser has this session token; None after sign-out, expiry or revocation of the key."""
     session = hash_of(token)
     key = database.key_by_session(session)
     return Caller(key, session) if key is not None else None
@@ -97,7 +97,7 @@ def has_live_key(database: Database) -> bool:
 def hash_of(secret: str) -> str:
     """Return the stored hash of a secret.
 
-    One SHA-256 is enough: 256 random bits cannot be guessed, so the slow hashes for passwords, which make guessing
+    One SHA-256 suffices, because nobody can guess 256 random bits. The slow hashes for passwords, which make guessing
     expensive, would only cost time at each request.
 
     Returns

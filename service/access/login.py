@@ -1,4 +1,4 @@
-"""Log in where keys are needed: a form takes a key and begins a session, whose cookie a browser can send."""
+"""Log in to a service that needs keys: a form takes a key and begins a session, whose cookie the browser sends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gear_rattle.service.web.prefix import public_path
 
 LOGIN, LOGOUT = "/login", "/logout"
 FORM = "application/x-www-form-urlencoded"
-MOST_FIELDS = 8  # the most fields that are parsed; the form has one
+MOST_FIELDS = 8  # forms with more fields are refused; the real form has one
 CONTENT_SECURITY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'self'"
 
 PAGE = """<!doctype html>
@@ -34,12 +34,12 @@ input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5
 
 
 def login_url(path: str, query: str) -> str:
-    """Return the URL of the login for a request without a key, with the path and query to return to."""
+    """Return the URL of the login page for a request without a key. After the login, the page leads back to `path`."""
     return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 
 def _next(request: Request) -> str:
-    """Return the page after the login; never a page of another site."""
+    """Return the page to show after the login, which is never a page of another site."""
     wanted = request.query_params.get("next", "")
     return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
 
@@ -63,21 +63,21 @@ async def login(request: Request) -> Response:
     try:
         fields = parse_qs((await request.body()).decode("utf-8", "replace"), max_num_fields=MOST_FIELDS)
     except ValueError:
-        raise HTTPException(422, "This form has one field: send key, and no more.") from None
+        raise HTTPException(422, "This form has one field: send the field key alone.") from None
     token = fields.get("key", [""])[0].strip()
     front = request.app.state.front
     if (key := await run_in_threadpool(find_key, front.database, token)) is None:
         return _form(request, "This API key is unknown or was revoked.", 401)
     session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
     response = RedirectResponse(_next(request), 303)
-    here = public_path("/")  # other programs of this host must not get the cookie
+    here = public_path("/")  # the cookie's path, so that other programs of this host do not get the cookie
     response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path=here)
     _forget(request, response, OLD_COOKIE)
     return response
 
 
 async def logout(request: Request) -> Response:
-    """End the session of this browser, and of no other."""
+    """End the session of this browser only."""
     if session := request.cookies.get(COOKIE):
         await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))
     response = RedirectResponse(public_path(LOGIN), 303)

@@ -1,4 +1,4 @@
-"""Authorise every request before any route, so that a new route is closed unless it is listed here."""
+"""Authorise every request before it reaches a route, so that a new route needs a key unless it is listed here."""
 
 from __future__ import annotations
 
@@ -40,9 +40,10 @@ OPEN = frozenset({"/v1/health", "/v1/ready", *REFERENCE, LOGIN})
 LOGIN_PATHS = frozenset({LOGIN, LOGOUT})
 EXPLORER = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-LONGEST_TARGET = 8192
+LONGEST_TARGET = 8192  # the most bytes of a request's path and query
 
-#: Pages of ours, such as /docs and /help, load nothing from another host, whose scripts could use the session's cookie.
+#: Content-Security-Policy of our pages, such as /docs and /help. They load nothing from other hosts, because such
+#: scripts could use the session's cookie.
 CONTENT_SECURITY = "; ".join(
     (
         "default-src 'self'",
@@ -57,7 +58,8 @@ CONTENT_SECURITY = "; ".join(
         "frame-ancestors 'self'",
     )
 )
-#: Pages of other sites must not misinterpret answers, embed them, or frame pages of this service.
+#: Headers of all answers. They keep pages of other sites from misinterpreting or embedding answers, and from showing
+#: pages of this service in a frame.
 RESPONSE_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -70,12 +72,12 @@ BEARER = HTTPBearer(
     scheme_name="key",
     bearerFormat="rattle_ID_SECRET",
     description="An API key, made by `rattle key add`. A service on loopback asks for none.",
-    auto_error=False,  # the middleware decides before
+    auto_error=False,  # the middleware has already refused requests without a key
 )
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Return the sender of a request. As a dependency of a route it declares in OpenAPI that a key is needed."""
+    """Return the sender of a request. A route with this dependency declares in OpenAPI that it needs a key."""
     caller: Caller = request.state.caller
     return caller
 
@@ -84,19 +86,20 @@ CallerState = Annotated[Caller, Depends(caller_of)]
 
 
 def asks_keys(settings: Settings) -> bool:
-    """Return whether a service with these settings needs a key from everybody."""
+    """Return whether a service with these settings requires a key from every caller."""
     return not settings.insecure and (settings.require_keys or not is_loopback(settings.host))
 
 
 class AccessMiddleware:
-    """Refuse requests that are too large, come from another site's page, or lack a key where one is needed.
+    """Refuse requests that are too large, come from another site's page, or lack a required key.
 
     Parameters
     ----------
     app
-        What gets the others, with ``state["caller"]``; None there on an open path without a key.
+        The application that gets all other requests. Their ``state["caller"]`` is the `Caller`, or None if a path that
+        needs no key is requested without a key.
     settings
-        Of the service.
+        The settings of the service.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
@@ -132,7 +135,7 @@ class AccessMiddleware:
         return self._settings.explorer and path == EXPLORER
 
     async def _caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
-        # A request from another machine needs a key whatever address the settings name.
+        # A request from another machine needs a key, even if the settings name a loopback address.
         asks = self._asks_all or not (self._settings.insecure or is_local(scope, headers))
         if not asks:
             require_own_name(headers, self._settings.host, self._settings.allowed_hosts)
@@ -163,7 +166,7 @@ class AccessMiddleware:
             raise UnauthorizedError(problems.ADVICE[401])
         key = find_key(database, token.strip())
         if key is None:
-            raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes another one.")
+            raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes a new key.")
         return Caller(key)
 
     def _require_moderate(self, scope: Scope) -> None:
@@ -175,9 +178,9 @@ class AccessMiddleware:
             raise HTTPException(414, problems.ADVICE[414])
         if size > self._settings.max_header_bytes or len(headers) > self._settings.max_headers:
             raise HTTPException(431, problems.ADVICE[431])
-        if b"transfer-encoding" in names and b"content-length" in names:  # a proxy may have believed either of them
+        if b"transfer-encoding" in names and b"content-length" in names:  # a proxy may have used either for the length
             raise HTTPException(400, problems.ADVICE[400], {"Connection": "close"})
-        if not scope["path"].isprintable():  # the router ignores a line break at the end
+        if not scope["path"].isprintable():  # the router would ignore a line break at the end of a path
             raise HTTPException(404, problems.ADVICE[404])
 
 

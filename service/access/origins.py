@@ -1,4 +1,4 @@
-"""Check the origin of a request and the host that it names: addresses, names, and pages of other sites."""
+"""Check where a request comes from and which host it names; refuse foreign names and pages of other sites."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # not installed where surveys are computed without a service
     from starlette.datastructures import Headers
     from starlette.types import Scope
 
-#: Headers that proxies add, beside those that begin with x-forwarded.
+#: Headers that proxies add, besides the headers that begin with x-forwarded.
 FORWARDED = frozenset({"forwarded", "x-real-ip", "x-client-ip", "true-client-ip", "cf-connecting-ip", "via"})
 WILDCARDS = ("0.0.0.0", "::")
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether every address of this name, or this address itself, is a loopback address."""
+    """Return whether an address, or every address of a host name, is a loopback address."""
     if (address := _address(host)) is not None:
         return address.is_loopback
     try:
@@ -42,10 +42,11 @@ def is_local(scope: Scope, headers: Headers) -> bool:
 
 
 def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> None:
-    """Refuse requests to names other than this service's.
+    """Refuse requests that name another host than this service.
 
-    Without keys, a page whose name was pointed at this machine (DNS rebinding) would be of the service's own origin. An
-    address cannot be pointed elsewhere, so any address is accepted if the service listens on all of them.
+    In a DNS rebinding attack, the name of a foreign page is made to point to this machine. The page then has the same
+    origin as this service, and could use a service without keys. The attack is impossible with an address instead of a
+    name, so any address is accepted if the service listens on all addresses.
 
     Raises
     ------
@@ -67,13 +68,13 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
 def require_same_origin(headers: Headers) -> None:
     """Refuse requests that a browser sends for a page of another site.
 
-    The rule is that of Go's net/http.CrossOriginProtection: Sec-Fetch-Site decides, or Origin for older browsers; a
-    client that sends neither is not a browser.
+    The rule is that of Go's net/http.CrossOriginProtection. The header Sec-Fetch-Site decides, or the header Origin of
+    older browsers. A client that sends neither is not a browser.
 
     Raises
     ------
     ForbiddenError
-        Another site's page sent it.
+        A page of another site sent the request.
     """
     site, origin = headers.get("sec-fetch-site"), headers.get("origin")
     if site is None:
@@ -81,25 +82,25 @@ def require_same_origin(headers: Headers) -> None:
     else:
         same = site in ("same-origin", "none")
     if not same:
-        said = "A page of another site may not write here. Send this request from a program."
+        said = "A page of another site may not change this service. Send this request from a program."
         raise ForbiddenError(f"{said} {_host_advice(origin, headers)}" if site is None and origin else said)
 
 
 def require_root(headers: Headers, root: str) -> None:
-    """Refuse a page that could not work at the address that its browser shows, and log the setting to correct.
+    """Refuse to serve the page if it could not work at the address that the browser shows, and log what to correct.
 
     Parameters
     ----------
     headers : Headers
-        Headers of the request for the page; its script sends its address.
+        Headers of the request for the page; a script sends the page's address in the header Rattle-Address.
     root : str
-        Path of the page, as this service knows it.
+        Path of the page according to the settings of this service.
 
     Raises
     ------
     ForbiddenError
-        A proxy has the page below another path than this service assumes, or passes on another host than the browser
-        shows, so that the page's websocket would be refused.
+        A proxy publishes the page under another path than this service assumes, or sends another Host header than the
+        browser, so that the page's websocket would be refused.
     """
     host, slash, path = headers.get("rattle-address", "").partition("/")
     why = ""
@@ -120,7 +121,7 @@ def require_root(headers: Headers, root: str) -> None:
 
 
 def _host_advice(there: str, headers: Headers) -> str:
-    """Return advice for the case that browser and request name this service differently."""
+    """Return advice for the case that the browser's address and the Host header name different hosts."""
     return (
         f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
         "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from gear_rattle.service.database import Database
     from gear_rattle.service.database.keys import Identity
 
-#: Time between two checks while any connection is open. All processes that revoke keys share the database.
+#: Seconds between two checks while a connection is open. The database is read, because another process may revoke keys.
 LOOK_SECONDS = 0.5
 
 log = logging.getLogger(__name__)
 
 
 class Revocations:
-    """Open streams and websockets with their callers. It belongs to one event loop."""
+    """The open streams and websockets with their callers. An instance belongs to one event loop."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -33,7 +33,7 @@ class Revocations:
 
     @contextmanager
     def ending(self, caller: Caller | None) -> Iterator[CancelScope]:
-        """Yield a scope that is cancelled once its caller is no longer authorised."""
+        """Yield a cancel scope that is cancelled when the caller is no longer authorised."""
         with CancelScope() as scope:
             if caller is not None and (identity := caller.identity) is not None:
                 self._open[scope] = identity
@@ -65,7 +65,7 @@ class Revocations:
             try:
                 still = await run_in_threadpool(self._database.still_in, set(asked.values()))
             except SQLAlchemyError as error:
-                log.warning("whether keys were revoked cannot be read: %s", error)
+                log.warning("the database cannot be read to see whether keys were revoked: %s", error)
                 continue
             for scope, identity in asked.items():
                 if identity not in still:

@@ -1,1 +1,1 @@
-"""The command line: a file for each command. Heavy imports stay inside the functions, so that ``--help`` is quick."""
+"""The commands of ``rattle``, a file for each. Slow imports are inside functions, so that ``--help`` is quick."""

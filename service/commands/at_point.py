@@ -1,4 +1,4 @@
-"""The options of one parameter point, dimensionless or of a machine in SI units, for several commands."""
+"""Options that describe one gear, by dimensionless numbers or as a machine in SI units, for several commands."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class GivenPoint(NamedTuple):
-    """A parameter point, with its machine and its speed if these were given."""
+    """The gear that options describe; with its machine, and its speed in rpm, if the options name them."""
 
     gear: AnyGear
     machine: Machine | None
@@ -32,7 +32,7 @@ class GivenPoint(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The parameters as a text."""
+        """The parameters of the gear as text."""
         words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
         words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
         return ", ".join(words)
@@ -69,12 +69,12 @@ NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # req
 
 
 def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
-    """Return a decorator that gives a command these options; its first argument is then the `GivenPoint`.
+    """Return a decorator that gives a command OPTIONS. The command's first argument is then a `GivenPoint`.
 
     Parameters
     ----------
     timed : bool
-        Whether --rpm is allowed beside DELTA and EPSILON too.
+        Allow --rpm together with DELTA and EPSILON.
     """
 
     def given_point(command: Command) -> Command:
@@ -84,7 +84,7 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
 
 
 def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
-    """Return the point that OPTIONS describe, as dimensionless numbers or as a machine."""
+    """Return the point that the given options describe, by dimensionless numbers or as a machine."""
     harmonics = given.pop("harmonic", None) or ()
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
@@ -108,7 +108,8 @@ def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
 def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint:
     if plain:
         raise typer.BadParameter(
-            f"{' and '.join(plain)} and a machine's {' and '.join(machine)} exclude each other: give one of both"
+            f"{' and '.join(plain)} and a machine's {' and '.join(machine)} exclude each other: give only dimensionless"
+            " numbers, or only a machine's numbers"
         )
     curve, orders = machine.pop("transmission_error", None), machine.pop("orders", None)
     if curve is not None:
@@ -126,7 +127,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
 
 
 def _measured(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
-    """Return the errors of a measured curve, and print what it leaves out."""
+    """Return the harmonics of a measured transmission error as numbers of a machine, and print a summary."""
     from rattle import read_transmission_error
 
     if "eccentricity" in machine:

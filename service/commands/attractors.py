@@ -13,7 +13,7 @@ from gear_rattle.service.commands.options import Sample, Seed
 if TYPE_CHECKING:
     from rattle import Attractor
 
-WIDTH = 160  # wide enough for all numbers, whatever the terminal
+WIDTH = 160  # characters in a line, enough for all numbers, however wide the terminal is
 
 SpeedLimit = Annotated[
     float | None, typer.Option(help="Largest initial speed of the model.", show_default="by the motion's own scale")
@@ -21,12 +21,12 @@ SpeedLimit = Annotated[
 
 
 def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """Return the attractors of a point by falling basin fraction; samples have natural speeds unless v_max is given."""
+    """Return the attractors of a point by falling basin fraction. Without v_max, the samples have natural speeds."""
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
 def attractor_name(attractor: Attractor) -> str:
-    """Return the label of a periodic attractor, or the kind of another one."""
+    """Return the label of a periodic attractor, or the kind of any other attractor."""
     phases = f"; {attractor.contacts}" if attractor.contacts else ""
     label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus}{phases})"
     return label if attractor.kind == "periodic" else attractor.kind

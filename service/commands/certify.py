@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rattle.proof.chaos.certificate import HorseshoeCertificate
 
 NOT_PROVED = 1
-COLUMNS = 320  # with so many columns the regions of Figure 7 are proved on more than 99 % of its plane
+COLUMNS = 320  # default number of columns; it proves the regions of Figure 7 on more than 99 % of its plane
 SUFFIX = ".certificates.zarr"
 
 
@@ -63,13 +63,14 @@ def certify(
     ] = None,
     numbers: Mapping[str, str] = NO_NUMBERS,
 ) -> None:
-    """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
+    """Prove that periodic motions exist and are locally unique, with their labels, and whether they attract.
 
-    For a survey, or a slice of it, all periodic attractors are proved, into a store beside it; the same command
-    resumes. For a point, for curves, for points where curves meet, and for chaos, one certificate is printed a line.
-    For a plane, blocks of its regions I to V are proved, of the motions of period one that exist and attract, and of
-    where quiet running is possible: a block a line, in whole columns. The exit status is 1 if something is not proved,
-    which does not mean that it is false.
+    For a survey, or a slice of it, all periodic attractors are proved, and their certificates are written to a store
+    beside the survey; the same command resumes an interrupted run. For a point, for curves, for points where curves
+    meet, and for chaos, the certificates are printed, one in a line. For a plane, blocks are proved: the region I to V,
+    the motions of period one that exist and attract, and whether quiet running is possible. A block is one line of the
+    file, and columns are complete. The exit status is 1 if something is not proved, which does not mean that it is
+    false.
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(
@@ -108,7 +109,7 @@ def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate
 
 
 def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
-    """Print certificates, one a line, and unproved statements to stderr."""
+    """Print certificates, one in a line, and print unproved statements to stderr."""
     refused, found = False, False
     for each in certificates:
         found = True
@@ -118,7 +119,7 @@ def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate 
         else:
             typer.echo(each.json())
     if not found:
-        typer.echo("not proved: there is nothing to prove, no such point was found", err=True)
+        typer.echo("not proved: no point was found that could be proved", err=True)
     if refused or not found:
         raise typer.Exit(NOT_PROVED)
 
@@ -132,7 +133,7 @@ def _check(path: Path) -> None:
 
     file = path / CERTIFICATES if path.is_dir() else path
     if not file.is_file():
-        raise typer.BadParameter(f"there is no file {file}")
+        raise typer.BadParameter(f"there is no file {file}: name a file of certificates")
     checkers: dict[object, Callable[[str], str]] = {
         "area": areas.check, "bifurcation": check_bifurcation, "horseshoe": check_horseshoe,
     }  # fmt: skip
@@ -151,7 +152,7 @@ def _check(path: Path) -> None:
 
 
 def _theorem(line: str) -> object:
-    """Return the kind of theorem of a certificate; None for a motion, and for a line that is not a certificate."""
+    """Return the theorem that a certificate names; None for the certificate of a motion, and for any other line."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):

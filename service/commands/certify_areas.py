@@ -1,4 +1,4 @@
-"""Prove whole blocks of a plane with ``rattle certify``."""
+"""``rattle certify --areas``: prove blocks of a plane as a whole."""
 
 from __future__ import annotations
 

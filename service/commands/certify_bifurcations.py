@@ -1,4 +1,4 @@
-"""Prove bifurcations with ``rattle certify``: the points of a survey's curves, and those where curves meet."""
+"""``rattle certify`` for bifurcations: prove points of a survey's curves, and the points where curves meet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``rattle compare``: compare measured impacts with the model's."""
+"""``rattle compare``: compare measured impacts with the motions of the model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from rattle.comparison import Comparison
 
-WIDTH = 140  # wide enough for all numbers, whatever the terminal
+WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 BAR = 20  # length of the longest bar in characters
 
 
@@ -84,7 +84,7 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
     )
     console.print(f"misfit {found.misfit:.2g} (0: a motion of this gear, 0.5: at random)")
     if found.misfit > POOR:
-        console.print("The impacts are not those of this gear: walls, label and phase mean little.")
+        console.print("The impacts do not fit this gear: walls, label and phase mean little.")
     nearest = Table("nearest", "share", "impacts+", "impacts-", "energy, model's", "distance, revolutions", box=None)
     for near in found.near:
         rates = near.intensity.impacts_plus, near.intensity.impacts_minus, near.intensity.energy
@@ -95,7 +95,7 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
 
 
 def _histogram(found: Comparison) -> Table:
-    """Return a table of impacts per revolution in each part of the phase, measured and of the nearest attractor."""
+    """Return a table of impacts per revolution by phase, for the measured impacts and for the nearest attractor."""
     from rich.table import Table
 
     columns = [("driving side", found.histogram[0]), ("other side", found.histogram[1])]

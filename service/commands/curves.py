@@ -1,4 +1,4 @@
-"""``rattle curves``: the bifurcation curves of one half-backlash."""
+"""``rattle curves``: print the bifurcation curves for one half-backlash."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gear_rattle.service.commands.options import Beta
 if TYPE_CHECKING:
     from rattle.curves import Curve
 
-WIDTH = 160  # wide enough for all numbers, whatever the terminal
+WIDTH = 160  # characters in a line, enough for all numbers, however wide the terminal is
 COLUMNS = ("curve", "piece", "delta", "epsilon", "tau", "v", "re1", "im1", "re2", "im2")
 
 
@@ -25,7 +25,7 @@ def curves(
         Path | None, typer.Option("--csv", metavar="FILE", help="Write every point of the curves to this file.")
     ] = None,
 ) -> None:
-    """Print the codimension-two points of a half-backlash, and where its bifurcation curves end and why."""
+    """Print the codimension-two points for a half-backlash, and where and why its bifurcation curves end."""
     from rich.console import Console
     from rich.table import Table
 

@@ -1,4 +1,4 @@
-"""``rattle diagram``: the bifurcations along a line of the (δ, ε) plane."""
+"""``rattle diagram``: print the bifurcations along a line of the (δ, ε) plane."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from gear_rattle.service.commands.options import NO_NUMBERS, Beta, with_added
 
-WIDTH = 140  # wide enough for all numbers, whatever the terminal
+WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 MEANINGS = {"SN": "saddle-node", "PD": "flip", "GR": "graze"}
 
 
@@ -37,7 +37,7 @@ def diagram(
     """Print every bifurcation along a line of the plane, with its motion, its named curve and its position.
 
     One of --delta and --epsilon is a range LOW:HIGH, the other a number; with two ranges the line goes from both low
-    ends to both high ends. --figure draws speed and phase of the impacts, as Figures 5 and 9 of the paper.
+    ends to both high ends. --figure draws speed and phase of the impacts, like Figures 5 and 9 of the paper.
     """
     from rich.console import Console
     from rich.table import Table
@@ -72,7 +72,7 @@ def diagram(
 
 
 def _ends(option: str, text: str) -> tuple[float, float]:
-    """Return both ends of LOW:HIGH, or a number twice."""
+    """Return both ends of a range LOW:HIGH, or a single number twice."""
     try:
         low, high = (float(part) for part in (text.split(":") if ":" in text else (text, text)))
     except ValueError:

@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
 
 def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -> None:
-    """Draw a survey with three panels into the file `out`, whose suffix is the format.
+    """Draw a survey with `survey_figure`, and write the picture to the file `out`, whose suffix is the format.
 
     Parameters
     ----------
     slice_number : int | None
-        The slice of a survey with a third axis.
+        Number of the slice, for a survey with a third axis.
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.pictures.figure import survey_figure
@@ -40,7 +40,7 @@ def write_figure(picture: Figure, out: Path) -> None:
 
 
 def require_writable(out: Path) -> None:
-    """Refuse a file that cannot be written, before the hours of computing that precede its drawing."""
+    """Raise ServiceError if a picture cannot be written, so that nobody computes for hours in vain."""
     from matplotlib.backend_bases import FigureCanvasBase
 
     from gear_rattle.service.errors import ServiceError
@@ -49,4 +49,4 @@ def require_writable(out: Path) -> None:
     if out.suffix.removeprefix(".").lower() not in known:
         raise ServiceError(f"The picture {out} has no format: end its name in one of .{', .'.join(sorted(known))}")
     if not out.parent.is_dir():
-        raise ServiceError(f"The picture {out} cannot be written: {out.parent} is not a directory")
+        raise ServiceError(f"The picture {out} cannot be written: {out.parent} is not a directory. Create it first.")

@@ -11,7 +11,7 @@ from gear_rattle.service.commands.options import Slice
 if TYPE_CHECKING:
     from gear_rattle.workers.boundaries.explain import Explanation
 
-WIDTH = 160  # wide enough for all numbers, whatever the terminal
+WIDTH = 160  # characters in a line, enough for all numbers, however wide the terminal is
 UNEXPLAINED = 1
 
 

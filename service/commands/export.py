@@ -1,4 +1,4 @@
-"""``rattle export``: write a survey as a file for other programs."""
+"""``rattle export``: write a survey to a file for other programs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def export(
         raise typer.BadParameter(f"{out} must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}", param_hint="FILE")
     forms = [str(each) for each in (RowForm.CELLS, RowForm.ATTRACTORS, RowForm.ORBITS)]
     if form not in forms:
-        raise typer.BadParameter(f"{form!r} is none of {', '.join(forms)}", param_hint="--form")
+        raise typer.BadParameter(f"{form!r} is not a form: use one of {', '.join(forms)}", param_hint="--form")
     if "://" in store and not store.startswith("s3://"):
         raise typer.BadParameter(
             f"{store} is a URL of a service: download its files at …/download.nc, .csv or .parquet",
@@ -68,7 +68,7 @@ def _write(store: str, out: Path, form: RowForm) -> None:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[IO[bytes]]:
-    """Yield a file that replaces `path` once it is complete; a failure leaves nothing behind."""
+    """Yield a temporary file, which is renamed to `path` at the end. A failure leaves no file behind."""
     from gear_rattle.service.errors import ServiceError
 
     part = path.with_name(f".{path.name}.{os.getpid()}")

@@ -1,4 +1,4 @@
-"""``rattle figure``: draw figures of the paper from computed data, or a survey."""
+"""``rattle figure``: draw figures of the paper from computed data, or draw the picture of a survey."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def figure(
     slice_: Slice = None,
     numbers: Mapping[str, float] = NO_NUMBERS,
 ) -> None:
-    """Draw figures of the paper from computed data, or a survey.
+    """Draw figures of the paper from computed data, or draw the picture of a survey.
 
     rattle figure 4 7 --out DIR writes DIR/figure4.pdf and DIR/figure7.pdf.
     They have the paper's parameters, or those of --delta, --epsilon and --beta:
@@ -85,7 +85,7 @@ def figure(
     }  # fmt: skip
     if what[0] in (ALL, STIFF) or what[0].isdecimal():
         if slice_ is not None:
-            raise typer.BadParameter("a figure of the paper has no slices", param_hint="--slice")
+            raise typer.BadParameter("a figure of the paper has no slices: leave --slice out", param_hint="--slice")
         requests = _requests(what, delta or [], epsilon or [], beta, numbers)
         _draw_figures(requests, out or Path(), format_ or ["pdf"])
         return
@@ -95,20 +95,24 @@ def figure(
                 f"{option} is for figures of the paper, and {what[0]!r} is none", param_hint="STORE"
             )
     if len(what) > 2:
-        raise typer.BadParameter("give a survey and one picture, or numbers of figures", param_hint="STORE")
+        raise typer.BadParameter(
+            "give a survey and one file for its picture, or only numbers of figures", param_hint="STORE"
+        )
     draw_survey(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
 
 
 def _requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
-    """Return the requested figures, all of them checked before the first is computed."""
+    """Return the requested figures. All of them are checked before the first figure is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
 
     numbers: list[int] = []
     for each in what:
         if each not in (ALL, STIFF) and not each.isdecimal():
-            raise typer.BadParameter(f"{each!r} is not the number of a figure", param_hint="NUMBER")
+            raise typer.BadParameter(
+                f"{each!r} is not the number of a figure: give numbers, all or stiff", param_hint="NUMBER"
+            )
         numbers += sorted(FIGURES) if each == ALL else [] if each == STIFF else [int(each)]
     for name in added:
         if STIFF in what:
@@ -127,7 +131,9 @@ def _draw_figures(requests: list[Request | StiffRequest], directory: Path, forma
 
     for each in formats:
         if each not in FORMATS:
-            raise typer.BadParameter(f"{each!r} is none of {', '.join(FORMATS)}", param_hint="--format")
+            raise typer.BadParameter(
+                f"{each!r} is not a format: use one of {', '.join(FORMATS)}", param_hint="--format"
+            )
     _require_directory(directory)
     for request in requests:
         start = perf_counter()
@@ -145,7 +151,7 @@ def _draw_figures(requests: list[Request | StiffRequest], directory: Path, forma
 
 
 def _require_directory(directory: Path) -> None:
-    """Refuse a directory that cannot be written to, before the minutes that a figure takes."""
+    """Raise ServiceError if a directory cannot be written to, so that nobody computes a figure in vain."""
     from gear_rattle.service.errors import ServiceError
 
     try:

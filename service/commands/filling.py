@@ -1,4 +1,4 @@
-"""Fill a store, here or on a cluster: the common part of commands that compute surveys and populations."""
+"""Compute a store in this process or on a cluster: the common part of commands for surveys and populations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOOK_SECONDS = 0.1
 
 
 def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
-    """Create or resume the store of a request, compute its missing parts, and finish it."""
+    """Create or resume the store of a request, compute all missing parts, and finish the store."""
     from gear_rattle.service.commands.progress import compiling_told
     from gear_rattle.workers.certificates import require_certifiable
 
@@ -51,7 +51,7 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
                 cluster = nullcontext() if here else started(request.added_numbers, scheduler, processes, stop.is_set)
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
-                if not stop.is_set():  # otherwise the stop ended the cluster
+                if not stop.is_set():  # after a stop the error is the end of the cluster
                     raise
     else:
         typer.echo(f"{out} is complete.")
@@ -60,7 +60,7 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
 
 @contextmanager
 def _stoppable(out: str) -> Iterator[threading.Event]:
-    """Yield an event that a signal sets, and end the command after the block if it is set."""
+    """Yield an event that SIGINT or SIGTERM sets. If it is set at the end of the context, end the command."""
     from gear_rattle.service.commands.signals import stop_requested
 
     with stop_requested() as stop:
@@ -71,7 +71,7 @@ def _stoppable(out: str) -> Iterator[threading.Event]:
 
 
 def _compile(request: AnyRequest, stop: threading.Event) -> None:
-    """Compile the kernels of a survey in this process, until that is done or the process must stop."""
+    """Compile the kernels of a survey in this process. Return when they are compiled or the process must stop."""
     from gear_rattle.workers import compile_for
 
     compiling = threading.Thread(target=compile_for, args=(request,), name="kernels", daemon=True)
@@ -83,14 +83,14 @@ def _compile(request: AnyRequest, stop: threading.Event) -> None:
 def started(
     numbers: dict[str, float], scheduler: str | None, workers: int, should_stop: Callable[[], bool]
 ) -> AbstractContextManager[Client]:
-    """Return the cluster's context, after telling the user about it."""
+    """Return the context of a cluster; print a message if processes start."""
     import rattle
     from gear_rattle.workers import connect, embedded_cluster
 
     if scheduler:
         return connect(scheduler)
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
-    # Missing kernels are compiled once for all processes. Compiling them here as well shows a message about it.
+    # Missing kernels are compiled once for all processes. Compiling them here too lets this command print a message.
     threading.Thread(target=rattle.precompile, kwargs=numbers, name="kernels", daemon=True).start()
     return embedded_cluster(workers, should_stop=should_stop)
 
@@ -131,7 +131,7 @@ def _compute(
         if not should_stop() and survey.is_incomplete(request, out):
             _complete(request, out, client, should_stop)
     if isinstance(request, survey.SurveyRequest) and request.is_bounded:
-        # Further rounds have computed some of the cells that tiles filled.
+        # Rounds of audits have computed some of the cells that tiles had filled.
         filled = 0 if before else attributes_of(survey.place_of(out)).get(TOLD[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
@@ -155,7 +155,7 @@ def _complete(request: AnyRequest, out: str, client: Client | None, should_stop:
 
 
 def _what_follows(request: SurveyRequest) -> Iterator[str]:
-    """Yield descriptions of the steps after all tiles."""
+    """Yield a description of each step that follows after all tiles."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

@@ -1,4 +1,4 @@
-"""``rattle key``: add, list and revoke API keys, also beside a running service, which notices changes at once."""
+"""``rattle key``: add, list and revoke API keys. A running service notices changes at once."""
 
 from __future__ import annotations
 
@@ -105,6 +105,6 @@ def _database(data: Path | None, database_url: str | None, create: bool = False)
             directory.path.mkdir(parents=True, exist_ok=True)
         elif not directory.has_database:
             raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
-    # Neither exclusive nor with the directory's lock, because a service may run.
+    # A service may be running, so the database is not opened exclusively, and the directory is not locked.
     with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:
         yield database

@@ -1,10 +1,10 @@
-"""Replacements of letters for terminals and files without them: Σ⁺ and Σ⁻ are S+ and S- in ASCII, not ``??``."""
+"""Replace letters that a terminal or file cannot show by similar ones: Σ⁺ and Σ⁻ become S+ and S- in ASCII."""
 
 from __future__ import annotations
 
 import codecs
 
-NEAREST = "rattle-nearest"  # an error handler, as `str.encode` takes it
+NEAREST = "rattle-nearest"  # name of the error handler for `str.encode`
 LETTERS = str.maketrans("αβγδεκλμµντφΓΔΛΣΦΩ⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ−–—×·", "abgdekluuntfGDLSFO+-0123456789n---x.") | str.maketrans(
     {"…": "...", "→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "≈": "~", "√": "sqrt ", "∞": "inf", "°": " deg"}
 )

@@ -1,4 +1,4 @@
-"""``rattle limit``: the design limit of one number of a gear."""
+"""``rattle limit``: print the design limit of one number of a gear."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gear_rattle.service.commands import options
 if TYPE_CHECKING:
     from rattle import Limit
 
-#: The unit in which a machine's number is printed, and its factor from the SI unit.
+#: The unit in which a length is printed, and the factor from metres.
 MICROMETRES = (" µm", 1e6)
 LENGTHS = ("eccentricity", "backlash", "driven_eccentricity", "mesh_error", "mesh_error_2", "mesh_error_3")
 UNITS = {
@@ -54,10 +54,10 @@ def limit(
     budget: options.Budget = None,
     seed: options.Seed = 0,
 ) -> None:
-    """Print up to which value of a number a gear runs quietly often enough.
+    """Print the design limit: the value of a number up to which a gear runs quietly with a given probability.
 
-    For eccentricity, mesh error, backlash, restitution and speed this is the largest value, for drag and load the
-    least. The other numbers are options: delta, epsilon and beta, or a machine's.
+    For eccentricity, mesh error, backlash, restitution and speed this is the largest allowed value, for drag and load
+    the least. All other numbers of the gear are options: delta, epsilon and beta, or a machine's numbers.
     """
     from gear_rattle.service.commands.progress import compiling_told
     from rattle import design_limit, design_limits
@@ -84,8 +84,8 @@ def _words(of: str, share: float, found: Limit, at: str = "") -> str:
 
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
-        return f"no limit of {of} was found in the searched range: give another one with --between"
-    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"  # amplitudes of orders are not listed
+        return f"no limit of {of} was found in the searched range: give another range with --between"
+    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"  # amplitudes of orders are not in SAFE_IF_SMALL
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
 
@@ -111,5 +111,5 @@ def _axis(text: str) -> tuple[str, list[float]]:
     name, _, axis = text.partition("=")
     values = Axis.parse(axis)
     if values.num > MOST_VALUES:
-        raise typer.BadParameter(f"{values.num} values, at most {MOST_VALUES}: lower NUM")
+        raise typer.BadParameter(f"{values.num:,} values exceed the limit of {MOST_VALUES:,}: lower NUM")
     return name, values.values().tolist()

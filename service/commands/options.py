@@ -22,7 +22,7 @@ NO_NUMBERS: Mapping[str, Any] = MappingProxyType({})
 MACHINE = "A machine in SI units (two equal gears, or with --driven-… unlike ones), instead of delta, epsilon and beta"
 NONE = "none: the impacting model"
 METRES = "in m along the line of action"
-#: The numbers of a gear, each with its help and the default to show; those of a machine come after the models'.
+#: The numbers of a gear, each with its help text and the default to show. A machine's numbers come after the models'.
 NUMBERS: dict[str, tuple[str, str | bool]] = {
     "delta": ("Damping.", False),
     "epsilon": ("Eccentricity.", False),
@@ -64,7 +64,7 @@ DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
-    """Return an option of this type for each of NUMBERS; that of the drive is text."""
+    """Return an option for each of NUMBERS. kind: type of the options, except that `drive` is text."""
     found = {}
     for name, (text, default) in NUMBERS.items():
         taken, shown = (str, "torque|speed") if name == "drive" else (kind, metavar)
@@ -78,9 +78,9 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 def with_options(
     command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command options, whose defaults are `defaults` or None.
+    """Give a command further options, whose defaults are `defaults` or None.
 
-    Its first argument is then the result of `taken_as` for the given options, by name.
+    The command's first argument is then `taken_as(given)`, with the given options by name.
 
     Returns
     -------
@@ -88,12 +88,13 @@ def with_options(
         The command with a new signature, which typer reads.
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
-    command.__annotations__.pop(next(iter(command.__annotations__)))  # its type may need a module that imports slowly
+    # The type of the first argument may be from a module that imports slowly, so the annotation is not evaluated.
+    command.__annotations__.pop(next(iter(command.__annotations__)))
     own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
     shared = [
         inspect.Parameter(name, keyword, default=defaults.get(name), annotation=kind) for name, kind in options.items()
     ]
-    required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file; they come first
+    required = [each for each in own if each.default is inspect.Parameter.empty]  # for example a file; they come first
     taken = [*required, *shared, *(each for each in own if each not in required)]
 
     @functools.wraps(command)
@@ -110,14 +111,14 @@ def with_options(
 def with_added(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
-    """Give a command an option for each parameter that a model adds, after one of its own options.
+    """Give a command an option for each parameter that a model adds, after its own option `after`.
 
-    Its last argument is then a mapping of the given ones, by name.
+    The command's last argument is then a mapping of the given parameters, by name.
 
     Parameters
     ----------
     text : str | None
-        Help of an option, with `{}` for the parameter's label; by default as for a point.
+        Help text of an option, with `{}` for the parameter's label; by default the text in NUMBERS.
     model : str | None
         The only model whose parameters are options; by default those of all models.
 
@@ -159,9 +160,9 @@ def with_added(
 
 
 def with_numbers(command: Command) -> Command:
-    """Give a command the numbers of a gear, each a number or a distribution.
+    """Give a command options for the numbers of a gear, each a number or a distribution.
 
-    Its first argument is then a mapping of the given texts, by name.
+    The command's first argument is then a mapping of the given texts, by name.
 
     Returns
     -------
@@ -203,7 +204,7 @@ Scheduler = Annotated[
 
 
 def settings_of(**given: Any) -> Settings:
-    """Return settings of a service; None leaves a setting to the environment.
+    """Return the settings of a service. An argument None leaves a setting to the environment.
 
     Raises
     ------

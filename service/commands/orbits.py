@@ -1,10 +1,10 @@
-"""``rattle orbits``: the period-one orbits of one parameter point."""
+"""``rattle orbits``: print the period-one orbits of one gear."""
 
 from __future__ import annotations
 
 from gear_rattle.service.commands.at_point import GivenPoint, at_point
 
-WIDTH = 140  # wide enough for all numbers, whatever the terminal
+WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # names of the limits
 
 

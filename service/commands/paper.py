@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from rattle.paper import Report
 
-WIDTH = 140  # wide enough for all numbers, whatever the terminal
+WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 UNEXPECTED = 1
 
 

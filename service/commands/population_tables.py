@@ -1,4 +1,4 @@
-"""Print the answers of a population, for the commands."""
+"""Print the answers about a population of gears, for several commands."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ if TYPE_CHECKING:
 
     from rattle import Estimate, Population
 
-WIDTH = 140  # wide enough for all numbers, whatever the terminal
-#: The unit of a machine's number in a table, and its factor from the SI unit.
+WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
+#: By number of a machine: its unit in a table, and the factor from the SI unit.
 UNITS = {
     "eccentricity": ("µm", 1e6),
     "backlash": ("µm", 1e6),
@@ -22,7 +22,7 @@ UNITS = {
 
 
 def print_population(found: Population) -> None:
-    """Print the answers of a population as text and tables."""
+    """Print the answers about a population as text and tables."""
     from rich.console import Console
 
     from rattle import RattleError

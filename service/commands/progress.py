@@ -1,4 +1,4 @@
-"""Progress of a survey, as a bar on a terminal or as plain lines."""
+"""Show the progress of a survey, as a bar on a terminal or as plain lines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLAIN_SECONDS = 10.0
 
 
 class Reporter(Protocol):
-    """Shows the number of computed cells, and the time left, by a run's own estimate or by the speed so far."""
+    """Shows the number of computed cells, and the time left according to the run's estimate or to the speed so far."""
 
     def __enter__(self) -> Self:
         """Begin the display."""
@@ -31,11 +31,11 @@ class Reporter(Protocol):
         """Show the number of computed cells."""
 
     def tell_left(self, seconds: float) -> None:
-        """Show the remaining time."""
+        """Show the run's estimate of the time left."""
 
 
 class _Told(logging.Handler):
-    """Log handler that announces a compilation of kernels once, and then prints its progress."""
+    """Log handler that announces the compilation of kernels once, and then prints its progress."""
 
     def emit(self, record: logging.LogRecord) -> None:
         console = Console(stderr=True)
@@ -47,7 +47,7 @@ class _Told(logging.Handler):
 
 @contextmanager
 def compiling_told() -> Iterator[None]:
-    """Print on stderr that a command waits for the compilation of kernels."""
+    """Print messages about the compilation of kernels to stderr during this context."""
     log, told = logging.getLogger("rattle.numerics.compile"), _Told(logging.INFO)
     level = log.level
     log.setLevel(logging.INFO)
@@ -60,13 +60,13 @@ def compiling_told() -> Iterator[None]:
 
 
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
-    """Return a progress bar if stderr is a terminal, otherwise a line now and then."""
+    """Return a reporter that draws a progress bar if stderr is a terminal, and prints a line now and then if not."""
     console = Console(stderr=True)
     return (_Bar if console.is_terminal else _Lines)(console, cells, cells_done, what)
 
 
 class _Speed(ProgressColumn):
-    """Column with the cells per second."""
+    """A column with the number of cells per second."""
 
     def __init__(self, what: str) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class _Speed(ProgressColumn):
 
 
 class _Left(TimeRemainingColumn):
-    """Column with the time left, by the run's estimate if there is one, else by the speed."""
+    """A column with the time left, according to the run's estimate if there is one, else to the speed so far."""
 
     def render(self, task: Task) -> Text:
         if task.finished or (ends := task.fields.get("ends")) is None:

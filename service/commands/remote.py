@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 NOT_FOUND = 404
 
-Key = Annotated[str | None, typer.Option(help="Idempotency key: two submissions with one key are accepted once.")]
+Key = Annotated[
+    str | None, typer.Option(help="Idempotency key: submitting again with the same key creates no second survey.")
+]
 Force = Annotated[bool, typer.Option("--force", help="Compute the survey although an identical one exists.")]
 Watch = Annotated[bool, typer.Option("--watch", help="Wait until the survey ends.")]
 
@@ -28,7 +30,7 @@ def submit(
     force: Force = False,
     watch: Watch = False,
 ) -> None:
-    """Submit a survey to a service and print its id; if the service has an identical survey, print the id of that.
+    """Submit a survey to a service and print its id. If the service has an identical survey, that survey is used.
 
     `rattle tolerance --submit` submits a population of gears.
     """
@@ -95,7 +97,7 @@ def describe(
 
 
 def _job(client: Client, job_id: str) -> Job:
-    """Return the job with this id."""
+    """Return the survey or population with this id."""
     from gear_rattle.service.errors import ResponseError
 
     try:

@@ -46,7 +46,7 @@ def run(
 
 
 def _percent(share: float) -> str:
-    """Return a share in per cent with two digits, such as 0.22 or 100."""
+    """Return a share in per cent with two significant digits, for example "0.22" or "100"."""
     return f"{float(f'{100 * share:.2g}'):g}"
 
 

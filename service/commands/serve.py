@@ -62,7 +62,7 @@ def serve(
         workers=workers,
         insecure=insecure or None,
     )
-    # A plain sentence now, instead of uvicorn's traceback later.
+    # Errors are found here and printed as one sentence; uvicorn would print a traceback.
     with opened(settings) as (_, database):
         require_keys(settings, database)
     if settings.insecure:
@@ -80,7 +80,7 @@ def serve(
 
 
 def require_keys(settings: Settings, database: Database) -> None:
-    """Raise AccessError if keys are needed and none exists."""
+    """Raise AccessError if the service requires keys and no key exists."""
     from gear_rattle.service.access.keys import has_live_key
     from gear_rattle.service.access.middleware import asks_keys
     from gear_rattle.service.errors import AccessError

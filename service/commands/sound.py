@@ -1,4 +1,4 @@
-"""``rattle sound``: write a motion's impacts as a sound."""
+"""``rattle sound``: write the impacts of a motion to a sound file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def sound(
     v_max: SpeedLimit = None,
     seed: Seed = 0,
 ) -> None:
-    """Write the impacts of a motion as a sound: each rings, as loud as its impulse, at the speed of --rpm."""
+    """Write the impacts of a motion to a sound file. Each impact rings as loud as its impulse; --rpm is the speed."""
     if point.rpm is None:
         raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
     chosen = _chosen(point, found_at(point, count, v_max, seed), attractor)
@@ -53,10 +53,12 @@ def sound(
 
 
 def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """Return the attractor with this number, or without a number the one with the most energy."""
+    """Return the attractor with a number, or, without a number, the attractor with the most energy."""
     if number is not None:
         if not 1 <= number <= len(found):
-            raise typer.BadParameter(f"no attractor {number}: give 1 to {len(found)}", param_hint="--attractor")
+            raise typer.BadParameter(
+                f"there is no attractor {number}: give a number from 1 to {len(found)}", param_hint="--attractor"
+            )
         return found[number - 1]
     told = [each for each in found if each.kind != "undecided"]
     return max(told or found, key=lambda each: point.gear.intensity(each).energy)

@@ -1,4 +1,4 @@
-"""The options of a survey for `rattle run` and `rattle submit`, and the request that they describe."""
+"""The options that describe a survey, for `rattle run` and `rattle submit`, and the request that follows from them."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def _axis(name: str) -> Any:
 
 
 _OF_A_MACHINE = number_options(float)
-#: Every option of a survey. Fields of `SurveyRequest` and of its sample keep their names; their defaults are repeated
-#: here because the request is slow to import.
+#: All options of a survey. Fields of `SurveyRequest` and of its initial conditions keep their names. Their defaults are
+#: repeated here, because `SurveyRequest` is slow to import.
 OPTIONS: dict[str, Any] = {
     "delta": _axis("delta"),
     "epsilon": _axis("epsilon"),
@@ -67,7 +67,7 @@ OPTIONS: dict[str, Any] = {
         str,
         "Order attractors by: fraction (the largest basin fraction first), or family (one slot for each family).",
         metavar="fraction|family",
-        show_default="family where families are asked for",
+        show_default="family if families are computed",
     ),
     "seed": _option(int, "Random seed of the initial conditions."),
     "name": Name,
@@ -99,7 +99,8 @@ OPTIONS: dict[str, Any] = {
     ),
     "bound": _option(
         float,
-        "Largest share of filled cells that may be wrong, with 95 % confidence; more are computed until then.",
+        "Largest allowed share of wrong cells among the filled ones, with 95 % confidence; further cells are computed "
+        "until it is met.",
         metavar="SHARE",
     ),
     "certify": Annotated[
@@ -129,17 +130,17 @@ DEFAULTS = {"count": 64, "seed": 0}
 
 
 def with_survey(command: Command) -> Command:
-    """Give a command the options of a survey; its first argument is then the `SurveyRequest` that they describe."""
+    """Give a command the options of a survey. The command's first argument is then the `SurveyRequest`."""
     return with_options(command, OPTIONS, survey_request, **DEFAULTS)
 
 
 def survey_request(given: dict[str, Any]) -> SurveyRequest:
-    """Return the request that these options describe.
+    """Return the request that the given options describe.
 
     Raises
     ------
     BadParameter
-        An option is wrong; the message names it.
+        An option is wrong. The message names the option.
     """
     from pydantic import ValidationError
 
@@ -158,7 +159,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
         raise typer.BadParameter(f"--{next(iter(refined))} is a share of filled cells: give --refine too")
     for axis, other in (("delta", "rpm"), ("epsilon", "eccentricity")):
         if (axis in fields) == (other in machine):
-            raise typer.BadParameter(f"give either --{axis} or a machine's --{other}")
+            raise typer.BadParameter(f"give either --{axis}, or a machine with --{other}")
     try:
         fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}

@@ -1,4 +1,4 @@
-"""``rattle tolerance``: compute how a gear's tolerances affect its running."""
+"""``rattle tolerance``: compute how the tolerances of a gear affect how it runs."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ def tolerance(
     force: Force = False,
     watch: Watch = False,
 ) -> None:
-    """Compute a population of gears, write it to PATH, and print its answers.
+    """Compute a population of gears, write it to PATH, and print the answers about it.
 
-    With --submit a service computes it instead, and its id is printed: that of an identical population, if the service
-    has one. A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
-    lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last
-    bit.
+    With --submit a service computes the population instead, and the command prints its id; if the service has an
+    identical population, that one is used. A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]],
+    uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted
+    population; the numbers are the same to the last bit.
     """
     if (out is None) != submit:
         raise typer.BadParameter("give --out PATH to compute it here, or --submit to have a service compute it")
@@ -107,7 +107,7 @@ def _request(
     shock: dict[str, str | None],
     asked: dict[str, Any],
 ) -> PopulationRequest:
-    """Return the request that these options describe; typer.BadParameter names the wrong option."""
+    """Return the request that the given options describe. Raises typer.BadParameter, which names the wrong option."""
     from pydantic import ValidationError
 
     import rattle
@@ -129,17 +129,20 @@ def _request(
             found, matrix = rattle.read_gears(measured)
             if both := sorted(found.keys() & gear.keys()):
                 raise typer.BadParameter(
-                    f"{measured} and the command line both have {' and '.join(both)}: give one of both"
+                    f"{measured} and the command line both have {' and '.join(both)}: leave one of both out"
                 )
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
-                raise typer.BadParameter(f"{measured} has the varying numbers: give one value for each other number")
+                raise typer.BadParameter(
+                    f"the numbers that vary are those of {measured}: give one value for each other number, and no "
+                    "correlation"
+                )
             gear |= {name: as_requested(each) for name, each in found.items()}
         elif pairs:
             matrix = _matrix(Tolerances({**numbers}).names, pairs)
         given = {name: read(text) for name, text in shock.items() if text is not None}
         if given and "speed" not in given:
-            raise typer.BadParameter("a shock needs --shock-speed")
+            raise typer.BadParameter("a shock needs a speed: give --shock-speed too")
         rows = None if matrix is None else tuple(map(tuple, matrix.tolist()))
         fields = {"gear": gear, "correlation": rows, "shock": given or None, **asked}
         return PopulationRequest.model_validate(fields)
@@ -150,7 +153,7 @@ def _request(
 
 
 def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
-    """Return the correlation matrix of these correlations."""
+    """Return the correlation matrix for correlations given as text NAME:NAME:NUMBER."""
     import numpy as np
 
     matrix, given = np.eye(len(names)), list[set[int]]()
@@ -165,7 +168,9 @@ def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
                 f"correlation {text!r}: write NAME:NAME:NUMBER, with two of the varying numbers ({known})"
             ) from None
         if {i, j} in given:
-            raise typer.BadParameter(f"correlation {text!r}: that of {first} and {second} is given twice")
+            raise typer.BadParameter(
+                f"correlation {text!r}: the correlation of {first} and {second} is given twice: leave one out"
+            )
         given.append({i, j})
         matrix[i, j] = matrix[j, i] = value
     return matrix

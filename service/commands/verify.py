@@ -1,4 +1,4 @@
-"""``rattle verify``: check that a store still holds the computed bytes."""
+"""``rattle verify``: check that a store is undamaged."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def verify(
         str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey, a population or certificates.")
     ],
 ) -> None:
-    """Read every file of a store and compare it with its checksum. Exit status 1 if any is damaged or lost.
+    """Read every file of a store and compare it with its checksum. The exit status is 1 if a file is damaged or lost.
 
     The files of a survey are its cells, curves, families and levels, and the certificates beside it. In a completed
     survey a missing chunk counts as lost. The command that computed the survey, or POST /v1/surveys/ID/verify, computes
-    damaged parts again, and only these.
+    only the damaged parts again.
     """
     from gear_rattle.workers import examine, place_of
     from gear_rattle.workers.certificates import examine_beside, examine_certificates, holds_certificates
@@ -52,8 +52,8 @@ def _print_survey(found: Integrity, where: str) -> None:
     typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
     if found.decoded:
         typer.echo(
-            f"{found.files:,} chunks decoded, {len(found.template):,} damaged. It has no checksums that this version "
-            "reads: verify it with its own version to find lost or exchanged chunks"
+            f"{found.files:,} chunks decoded, {len(found.template):,} damaged. This version cannot read the checksums "
+            "of the store: verify it with the version that made it, to find lost or exchanged chunks"
         )
         return
     missing = found.tiles - len(found.done) - len(found.damaged)

@@ -1,4 +1,4 @@
-"""The job database: the authoritative record of every survey, while the cluster can be replaced."""
+"""The job database: the record of all surveys, which lasts when the service or the cluster is replaced."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Database(Surveys, Keys):
     on_change
         Called with the id of a survey after each commit that added an event to it.
     exclusive
-        Lock the database against other services until it is closed. A short-lived tool beside a running service passes
-        False: it locks it only while it upgrades the schema.
+        Lock the database against other services until it is closed. A short-lived command beside a running service
+        passes False; then the database is locked only while its schema is upgraded.
     require
         Called before each transaction; its exceptions are passed on.
 
@@ -38,7 +38,7 @@ class Database(Surveys, Keys):
     ------
     DataDirectoryError
         The database cannot be opened, another service has locked it, or it belongs to another program or to a newer
-        version; it is left unchanged.
+        version. The database is left unchanged.
     """
 
     def __init__(
@@ -65,12 +65,12 @@ class Database(Surveys, Keys):
         if self._hold is not None:
             self._hold.release()
             self._hold = None
-        # A thread of a cancelled request may still read. Its connection is then closed when it is returned to the pool.
+        # The thread of a cancelled request may still use a connection, which is closed when it returns to the pool.
         event.listen(self._reader, "checkin", _close_checked_in)
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        current = is_current(self._reader)  # refuses other programs' databases before any change
+        current = is_current(self._reader)  # before any change: it refuses the databases of other programs
         if current and not exclusive:
             return
         self._hold = hold(self._reader)
@@ -92,5 +92,5 @@ def _close_checked_in(_: Any, record: Any) -> None:
 def _shown(url: str | URL) -> str:
     try:
         return shown(make_url(url))
-    except SQLAlchemyError:  # not a URL; it is not shown because it may contain a password
+    except SQLAlchemyError:  # the text is no URL; it is not shown, because it may contain a password
         return "of the settings"

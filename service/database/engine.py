@@ -1,4 +1,4 @@
-"""Open SQLite or PostgreSQL so that both have the same transactions, and keep what they have committed."""
+"""Open SQLite or PostgreSQL so that transactions work alike in both, and commits survive a power failure."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from sqlalchemy.exc import InvalidatePoolError
 
 from gear_rattle.service.errors import DataDirectoryError
 
-BUSY_SECONDS = 10
+BUSY_SECONDS = 10  # longest wait for another writer, or for a connection
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
-FILE = "file"  # key in the info of a connection
+FILE = "file"  # key of a connection's `info`: the identity of the opened SQLite file
 UNPOOLED = {"poolclass": NullPool}
 
 
 def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
-    """Return the engine of a job database; nothing is read or written yet.
+    """Return the engine of a job database. Nothing is read or written yet.
 
     Parameters
     ----------
     url : str | URL
         SQLAlchemy URL.
     pool : dict[str, Any]
-        Options of the pool of connections; :data:`UNPOOLED` keeps none.
+        Options of the connection pool; with :data:`UNPOOLED` connections are not kept.
 
     Returns
     -------
     Engine
-        For SQLite or PostgreSQL, with its pragmas and limits set.
+        The engine for SQLite or PostgreSQL, with pragmas and limits set.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def shown(url: URL) -> str:
 
 
 def _json_of(text: Any) -> Any:
-    """Return a JSON value; None if it is damaged, so that one row does not prevent reading the others."""
+    """Decode a JSON value, or return None if it is damaged, so that one row does not prevent reading the others."""
     try:
         return json.loads(text)
     except (ValueError, TypeError, RecursionError):
@@ -62,7 +62,7 @@ def _json_of(text: Any) -> Any:
 
 
 def _text_of(stored: bytes) -> str:
-    return stored.decode("utf-8", "replace")  # a damaged row must not prevent reading the others
+    return stored.decode("utf-8", "replace")  # one damaged row must not prevent reading the others
 
 
 def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
@@ -73,13 +73,13 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
         record.info[FILE] = _file(url)
         connection.text_factory = _text_of
         connection.isolation_level = None  # SQLAlchemy starts transactions, not sqlite3
-        # FULL, because in WAL mode NORMAL loses the last commits, already confirmed to clients, when the power fails.
+        # synchronous=FULL: with NORMAL, SQLite in WAL mode loses commits that clients know of when the power fails.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "checkout")
     def require_same_file(connection: Any, record: Any, proxy: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
-        # A disk that was away may return as another device, and open connections would still write to the old one.
+        # A disk that was missing may return as another device, and open connections would still write to the old one.
         if (found := _file(url)) is not None and found != record.info[FILE]:
             raise InvalidatePoolError("the file has been replaced")
 
@@ -93,7 +93,7 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
 
 
 def _file(url: URL) -> tuple[int, int] | None:
-    """Return the identity of the file at a SQLite database's path, None if there is no file."""
+    """Return the identity of the file at a SQLite database's path, or None if there is no file."""
     try:
         found = os.stat(str(url.database))
     except OSError:
@@ -104,7 +104,7 @@ def _file(url: URL) -> tuple[int, int] | None:
 def _open_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
     if url.drivername == "postgresql":
         url = url.set(drivername="postgresql+psycopg")
-    # A stuck writer, or a vanished host, blocks the others for seconds, not indefinitely.
+    # With these limits, a stuck writer or a vanished host blocks other writers for seconds, not indefinitely.
     limits = {"lock_timeout": f"{BUSY_SECONDS}s", "idle_in_transaction_session_timeout": "60s"}
     alive = {"tcp_keepalives_idle": 10, "tcp_keepalives_interval": 5, "tcp_keepalives_count": 3}
     given = url.query.get("options", "")

@@ -1,4 +1,4 @@
-"""Keep a second service off a job database, by a locked file beside SQLite or an advisory lock in PostgreSQL."""
+"""Lock a job database against a second service, by a locked file beside SQLite or an advisory lock in PostgreSQL."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ WRITER = {"pool_size": 1, "max_overflow": 0, "pool_timeout": BUSY_SECONDS, "pool
 
 
 class Hold(Protocol):
-    """A lock on a job database, which lasts until it is released or the process ends, even by SIGKILL."""
+    """A lock on a job database. It lasts until it is released or the process ends, even by SIGKILL.
+
+    writer: the engine that all writes must use.
+    """
 
     writer: Engine
 
@@ -26,7 +29,7 @@ class Hold(Protocol):
 
 
 def hold(engine: Engine) -> Hold:
-    """Lock a job database. Every write uses the `writer` of the lock.
+    """Lock a job database. All writes must use the `writer` of the lock.
 
     Returns
     -------
@@ -36,7 +39,7 @@ def hold(engine: Engine) -> Hold:
     Raises
     ------
     DataDirectoryError
-        Another service holds the database, or its lock file cannot be used.
+        Another service has locked the database, or its lock file cannot be used.
     """
     return _FileHold(engine) if engine.dialect.name == "sqlite" else _SessionHold(engine)
 
@@ -48,7 +51,7 @@ def _held_by_another(engine: Engine) -> DataDirectoryError:
 
 
 class _FileHold:
-    """A lock file beside the SQLite file. Opening and closing the SQLite file itself would drop SQLite's own locks."""
+    """A lock file beside the SQLite file, because opening and closing the SQLite file would release SQLite's locks."""
 
     def __init__(self, engine: Engine) -> None:
         with engine.connect() as connection:
@@ -68,9 +71,9 @@ class _FileHold:
 
 
 class _SessionHold:
-    """An advisory lock of the single PostgreSQL session that writes.
+    """An advisory lock in PostgreSQL, which belongs to the only session that writes.
 
-    A lost session loses its lock. The next write opens another session, which locks again or fails.
+    If the session is lost, so is the lock. The next write opens another session, which locks again or fails.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -89,7 +92,7 @@ class _SessionHold:
     def release(self) -> None:
         @event.listens_for(self.writer, "close")
         def unlock(connection: Any, _: Any) -> None:
-            # The server ends a closed session a moment later. Until then the lock would refuse the next service.
+            # The server ends a closed session only a moment later, and until then it would refuse the next service.
             if not connection.broken:
                 connection.execute(f"SELECT pg_advisory_unlock({LOCK})")
 

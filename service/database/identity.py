@@ -1,4 +1,4 @@
-"""Find the survey that a submission repeats, by its idempotency key or by its content."""
+"""Find the existing survey that a submission repeats, by its idempotency key or by its content."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from sqlalchemy.orm import Session
 from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobKind, JobRow, State
 from gear_rattle.service.errors import ConflictError
 
-#: The most further idempotency keys that are stored for one survey.
+#: The most idempotency keys that are stored for one survey, besides its own key.
 MOST_ANSWERED = 100
 
 
 @dataclass(frozen=True)
 class NewJob:
-    """A survey at its acceptance; ``body_hash`` distinguishes bodies under the same idempotency key.
+    """A survey or population that is submitted.
 
-    Each owner, given by the id of an API key, has its own idempotency keys.
+    body_hash: distinguishes request bodies with the same idempotency key. owner: id of an API key; each owner has its
+    own idempotency keys.
     """
 
     name: str
@@ -35,14 +36,14 @@ class NewJob:
 
     @property
     def stored_key(self) -> str | None:
-        """The idempotency key in the database, which includes the owner."""
+        """The idempotency key as the database stores it, with the owner."""
         if self.owner is None or self.idempotency_key is None:
             return self.idempotency_key
         return f"{self.owner} {self.idempotency_key}"  # keys in headers have no spaces
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """Return the survey with the same idempotency key; ConflictError if it has another body."""
+    """Return the survey with the same idempotency key, or None. Raises ConflictError if it has another body."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
@@ -58,14 +59,14 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
 
 
 def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
-    """Return a survey of the same content: a successful one of anybody, or an active one of the same owner.
+    """Return a survey with the same content: a successful survey of any owner, or an active one of the same owner.
 
     Active surveys of other owners do not count, because their owners could dismiss them.
 
     Returns
     -------
     JobRow | None
-        None if there is none, or its results are gone.
+        None if there is no such survey, or its results are gone.
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())

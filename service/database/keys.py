@@ -1,4 +1,4 @@
-"""API keys: stored as hashes, revoked but never deleted."""
+"""The API keys in the job database. Only their hashes are stored; keys are revoked but never deleted."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, times
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import UnknownKeyError
 
-#: The most browsers that are signed in with one key; a further one signs out the oldest.
+#: At most this many browsers are signed in with one key; a further browser signs out the oldest.
 MOST_SESSIONS = 64
-#: Identity of an authorised caller: the id of a key, and the hash of the session if it is a browser.
+#: Identity of an authorised caller: the id of the key, and the hash of the session token for a browser.
 Identity = tuple[str, str | None]
 
 
 class Keys(Transactions):
-    """The keys of a job database. Their permissions are checked elsewhere."""
+    """The keys in a job database. `gear_rattle.service.access` checks their permissions."""
 
     def add_key(
         self,
@@ -69,7 +69,7 @@ class Keys(Transactions):
             return session.scalars(select(KeyRow).order_by(KeyRow.created, KeyRow.id)).all()
 
     def revoke_key(self, key_id: str) -> KeyRow:
-        """Revoke a key permanently; its surveys continue. UnknownKeyError if there is no key with this id."""
+        """Revoke a key permanently; its surveys continue. Raises UnknownKeyError if there is no key with this id."""
         with self._write() as (session, _):
             key = session.get(KeyRow, key_id) if "\0" not in key_id else None
             if key is None:
@@ -86,7 +86,7 @@ class Keys(Transactions):
             ).one_or_none()
 
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
-        """Sign a browser in for so many seconds, and delete expired sessions."""
+        """Sign a browser in for a number of seconds, and delete expired sessions."""
         with self._write() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())

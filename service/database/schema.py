@@ -1,4 +1,4 @@
-"""The schema of the job database: refuse other schemas, and upgrade older ones."""
+"""The schema of the job database: upgrade older schemas, and refuse databases of other programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 
 
 def is_current(engine: Engine) -> bool:
-    """Return whether the schema is that of this version, without writing.
+    """Return whether the schema is the one of this version. Nothing is written.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def upgrade_schema(engine: Engine) -> None:
     from alembic import command
 
     if engine.dialect.name == "sqlite":
-        with engine.connect() as connection:  # the mode is permanent, so the owner of the database is checked before
+        with engine.connect() as connection:  # the caller has checked that the database is ours: this mode is permanent
             connection.exec_driver_sql("COMMIT")
             connection.exec_driver_sql("PRAGMA journal_mode=WAL")
             connection.exec_driver_sql("BEGIN")

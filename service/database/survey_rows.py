@@ -1,4 +1,4 @@
-"""Rows of surveys, their tiles and their events, and the transactions on them."""
+"""The transactions on surveys, their tiles and their events."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from gear_rattle.service.database.tables import (
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
-CHUNK = 500  # the most values in one IN (…)
+CHUNK = 500  # at most this many values in one IN (…)
 BEING_DELETED = "being deleted"
 WAITS_FOR_TURN = "waits for its turn: "
 WAITS = JobRow.message.startswith(WAITS_FOR_TURN)
-#: Literal, so that planners use the index ix_jobs_active, however many surveys have ended.
+#: The states are literals in the SQL, so that query planners use the index ix_jobs_active.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
 
 
 class Active(NamedTuple):
-    """An active survey: the id of the key that submitted it, if any, and its remaining cells."""
+    """An active survey. owner: id of the API key that submitted it, or None. left: its remaining cells."""
 
     id: str
     owner: str | None
@@ -44,7 +44,7 @@ class Active(NamedTuple):
 
 @dataclass(frozen=True)
 class DoneTile:
-    """A tile that is written to the store; ``failures`` explains the first of its ``failed`` cells."""
+    """A tile that is written to the store. failed: its number of failed cells. failures: why the first ones failed."""
 
     index: int
     cells: int
@@ -54,16 +54,16 @@ class DoneTile:
 
 
 class Surveys(Transactions):
-    """The surveys of a job database; every method is one transaction."""
+    """The surveys in a job database. Every method is one transaction."""
 
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
-        """Add a survey, or find the one with the same idempotency key, or an identical one.
+        """Add a survey, or return the survey with the same idempotency key, or an identical survey.
 
         Parameters
         ----------
         has_results : Callable[[str], bool] | None
-            Whether the store of a successful survey still exists. Without it no survey counts as identical: the survey
-            is computed again.
+            Returns whether the store of a successful survey still exists. If it is None, no survey counts as identical,
+            and the survey is computed again.
 
         Returns
         -------
@@ -73,7 +73,7 @@ class Surveys(Transactions):
         Raises
         ------
         ConflictError
-            The key was used for another body.
+            The idempotency key was used for another request.
         UnauthorizedError
             The owner's key was revoked.
         QueueFullError
@@ -108,7 +108,7 @@ class Surveys(Transactions):
         Raises
         ------
         UnknownSurveyError
-            There is none, or it is not of this kind.
+            There is no job with this id, or it is of the other kind.
         """
         with self._read() as session:
             job = _find(session, survey_id)
@@ -119,7 +119,7 @@ class Surveys(Transactions):
     def jobs(
         self, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
     ) -> tuple[Sequence[JobRow], int]:
-        """Return surveys with a number below ``before``, newest first, and the number of all."""
+        """Return jobs with a number below ``before``, newest first, and the total number of jobs of this kind."""
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
@@ -129,7 +129,7 @@ class Surveys(Transactions):
             return session.scalars(newest_first).all(), total
 
     def known(self, survey_ids: Collection[str]) -> set[str]:
-        """Return the ids that belong to surveys."""
+        """Return those of the given ids that belong to surveys."""
         ids, found = sorted(survey_ids), set[str]()
         with self._read() as session:
             for start in range(0, len(ids), CHUNK):
@@ -137,14 +137,14 @@ class Surveys(Transactions):
         return found
 
     def active(self) -> list[Active]:
-        """Return the surveys that wait or run, including interrupted ones, oldest first."""
+        """Return all surveys that wait or run, including interrupted surveys, oldest first."""
         left = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
             return [Active(*row) for row in found]
 
-    def give_turn(self, survey_id: str) -> None:
-        """Set the messages at the begin of a turn: the other surveys wait for this one."""
+    def set_turn_messages(self, survey_id: str) -> None:
+        """Set the messages of all active surveys when a survey's turn begins: the others wait for it."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return
@@ -155,13 +155,13 @@ class Surveys(Transactions):
         self._on_change(survey_id)
 
     def running(self) -> list[tuple[str, str]]:
-        """Return ids and content hashes of the surveys that run, or ran when the service ended."""
+        """Return the id and content hash of each survey that runs, or that ran when an earlier service ended."""
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
             return [(survey_id, content_hash) for survey_id, content_hash in found]
 
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
-        """Store the content hash of a survey that another version accepted than began it."""
+        """Store the content hash of a survey that an earlier version of the service accepted but did not begin."""
         with self._write() as (session, _):
             if job := _find_active(session, survey_id):
                 job.content_hash = content_hash
@@ -179,7 +179,7 @@ class Surveys(Transactions):
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
-        """Change the state of an active survey. Return False, without a change, if it has ended or is gone."""
+        """Change the state of an active survey. Return False if the survey has ended or is gone; then do nothing."""
         with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
@@ -194,7 +194,7 @@ class Surveys(Transactions):
         return True
 
     def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
-        """Give a survey another name or other notes; None leaves one unchanged."""
+        """Give a survey another name or other notes. None leaves the present text unchanged."""
         with self._write() as (session, _):
             job = _find(session, survey_id)
             job.name = job.name if name is None else _storable(name)
@@ -208,7 +208,7 @@ class Surveys(Transactions):
         Parameters
         ----------
         owner : str | None
-            Id of the API key that requests it, whose quotas count; None without a key.
+            Id of the API key that requests it, whose quotas apply; None without a key.
 
         Returns
         -------
@@ -225,9 +225,9 @@ class Surveys(Transactions):
         with self._write() as (session, _):
             job = _find(session, survey_id)
             if job.message == BEING_DELETED:
-                raise ConflictError(f"Survey {survey_id} is {BEING_DELETED}. Submit it anew.")
+                raise ConflictError(f"Survey {survey_id} is {BEING_DELETED}. Submit the survey again.")
             if not State(job.state).final:
-                raise ConflictError(f"Survey {survey_id} is {job.state}; only one that has ended can go on.")
+                raise ConflictError(f"Survey {survey_id} is {job.state}: wait until it has ended, and try again.")
             _require_room(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
@@ -235,7 +235,7 @@ class Surveys(Transactions):
         return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
-        """Record a written tile; do nothing if the survey was dismissed or deleted meanwhile."""
+        """Record a written tile. Do nothing if the survey has been dismissed or deleted."""
         with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
@@ -259,7 +259,7 @@ class Surveys(Transactions):
             return session.get(TileRow, (_number(session, survey_id), index)) is not None
 
     def tile_seconds(self, survey_id: str) -> float:
-        """Return the sum of the times of a survey's tiles, each measured in its process."""
+        """Return the total computing time of a survey's tiles in seconds."""
         with self._read() as session:
             total = select(func.sum(TileRow.seconds)).where(TileRow.job == _number(session, survey_id))
             return session.scalar(total) or 0.0
@@ -267,7 +267,7 @@ class Surveys(Transactions):
     def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
         """Delete the records of all tiles that are not in ``kept``, because their chunks are lost.
 
-        Subscribers are notified before the counts fall.
+        An event with the new, lower counts is added for subscribers.
 
         Returns
         -------
@@ -293,7 +293,7 @@ class Surveys(Transactions):
         return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
-        """Return the first failed cells of a survey: indices and message."""
+        """Return the indices and messages of the first failed cells of a survey."""
         with self._read() as session:
             has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
             failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
@@ -302,7 +302,7 @@ class Surveys(Transactions):
                 return list(islice(chain.from_iterable(tiles), limit))
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
-        """Return the events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
+        """Return the events after number ``after``. Raises UnknownSurveyError if the survey has been deleted."""
         with self._read() as session:
             number = _number(session, survey_id)
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
@@ -384,7 +384,7 @@ def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: i
     if key is None:
         return
     if key.revoked is not None:
-        raise UnauthorizedError("This API key was revoked.")
+        raise UnauthorizedError("This API key was revoked. `rattle key add` makes a new key.")
     running = session.scalar(active.where(JobRow.owner == key.id)) or 0
     if key.max_running is not None and running >= key.max_running:
         raise QueueFullError(
@@ -394,8 +394,8 @@ def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: i
     kept = session.scalar(select(func.sum(JobRow.n_cells)).where(JobRow.owner == key.id)) or 0
     if key.max_cells is not None and kept + n_cells > key.max_cells:
         raise QuotaError(
-            f"{n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
-            f"{key.max_cells} cells. Ask for less, or DELETE surveys that you no longer need."
+            f"{n_cells:,} cells and the {kept:,} cells of your other surveys exceed the quota of your key, "
+            f"{key.max_cells:,} cells. Request fewer cells, or DELETE surveys that you no longer need."
         )
 
 
@@ -404,7 +404,7 @@ def _waits_for(job: JobRow) -> str:
 
 
 def _storable(value: str) -> str:
-    """Return the text without characters that PostgreSQL cannot store: NUL, and unpaired surrogates."""
+    """Replace the characters that PostgreSQL cannot store: NUL, and unpaired surrogates."""
     return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 

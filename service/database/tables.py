@@ -1,4 +1,4 @@
-"""Tables of the job database. A change here also needs a new revision in `service/migrations`."""
+"""The tables of the job database. A change here also needs a new revision in `service/migrations`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
 class State(StrEnum):
-    """State of a survey; the last three are final."""
+    """The state of a survey. The last three states are final."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -26,7 +26,7 @@ class State(StrEnum):
 
 
 class JobKind(StrEnum):
-    """Kinds of jobs."""
+    """The kind of a job."""
 
     SURVEY = "survey"
     POPULATION = "population"
@@ -34,13 +34,13 @@ class JobKind(StrEnum):
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
 UNREADABLE = (
-    "What this survey computes cannot be read: its row in the job database is damaged. DELETE it, and submit it anew."
+    "The request of this survey cannot be read: its row in the job database is damaged. DELETE it, and submit it again."
 )
 IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def timestamp(later: float = 0.0) -> str:
-    """Return the present instant, or one so many seconds later: ISO 8601 in UTC, which sorts as text by time."""
+    """Return the present time plus `later` seconds, as ISO 8601 in UTC; such texts sort by time."""
     return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
 
@@ -75,7 +75,7 @@ class JobRow(Table):
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
     kind: Mapped[str] = mapped_column(default=JobKind.SURVEY)
 
-    # Without autoincrement SQLite reuses the number of a deleted last row.
+    # autoincrement, because SQLite would otherwise use the number of a deleted last row again.
     __table_args__ = (
         Index("ix_jobs_owner", "owner", "number"),
         Index("ix_jobs_kind", "kind", "number"),
@@ -86,31 +86,31 @@ class JobRow(Table):
 
     @property
     def is_readable(self) -> bool:
-        """True if the request is valid; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
+        """True if the request is readable; the engine reads damaged JSON as None."""
         return isinstance(self.request, dict)
 
     @property
     def called(self) -> str:
-        """The name; without one, the beginning of the id."""
+        """The name of the survey, or the beginning of its id if it has no name."""
         return self.name or f"survey {self.id[:6]}"
 
     @property
     def shown(self) -> tuple[State, str]:
-        """State and message for readers; a survey with a damaged row counts as failed."""
+        """The state and message to show. A survey with a damaged row counts as failed."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 
     @property
     def progress(self) -> int:
-        """Percent of the tiles done; 100 only once the survey is successful."""
+        """The finished share of the tiles in per cent; 100 only when the survey is successful."""
         if self.state == State.SUCCESSFUL:
             return 100
         return min(99, 100 * self.tiles_done // self.n_tiles)
 
 
 class TileRow(Table):
-    """A finished tile. Tiles without a row are still to be computed.
+    """A finished tile. Tiles without a row are not computed yet.
 
-    ``failures`` has the indices and messages of the first ``failed`` cells.
+    failed: number of failed cells. failures: indices and messages of the first of them.
     """
 
     __tablename__ = "tiles"
@@ -129,7 +129,7 @@ class TileRow(Table):
 
 
 class EventRow(Table):
-    """An event of a survey; ids increase by one within a survey."""
+    """An event of a survey. The ids of a survey's events increase by one."""
 
     __tablename__ = "events"
 
@@ -141,9 +141,9 @@ class EventRow(Table):
 
 
 class AnsweredRow(Table):
-    """An idempotency key whose submission was answered with an existing survey, which has its own key in its row.
+    """An idempotency key with which an existing survey was submitted again.
 
-    Only the latest keys of each survey are kept.
+    The key of the first submission is in the survey's own row. Only the latest further keys of a survey are kept.
     """
 
     __tablename__ = "answered"
@@ -155,14 +155,14 @@ class AnsweredRow(Table):
 
 
 class Scope(StrEnum):
-    """Permissions of a key."""
+    """A permission of a key."""
 
     READ = "read"
     SUBMIT = "submit"
 
 
 class KeyRow(Table):
-    """An API key, with its hash only. Revoked keys are kept, because surveys name them as owners."""
+    """An API key; only its hash is stored. Revoked keys are kept, because surveys name them as owners."""
 
     __tablename__ = "keys"
 
@@ -177,7 +177,7 @@ class KeyRow(Table):
 
 
 class SessionRow(Table):
-    """A session of a browser that has signed in with a key, with the hash of its cookie's token."""
+    """The session of a browser that is signed in with a key. hash: of the token in the browser's cookie."""
 
     __tablename__ = "sessions"
 
@@ -188,10 +188,10 @@ class SessionRow(Table):
 
 
 class ServiceRow(Table):
-    """The single row that every writer locks first, so that any database has one writer at a time.
+    """The single row that every writer locks first, so that a database has one writer at a time.
 
-    ``epoch`` grows with each service that opens the database; ``surveys`` and ``populations`` are their numbers;
-    ``directory`` is the identity of the data directory with the stores, if the database is elsewhere.
+    epoch: grows when a service opens the database. surveys, populations: how many there are. directory: identity of the
+    data directory with the stores, if the database is elsewhere.
     """
 
     __tablename__ = "service"

@@ -1,4 +1,4 @@
-"""Reading and writing transactions, the base of all classes of the database."""
+"""Transactions that read or write: the base class of the classes of the job database."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gear_rattle.service.database.tables import ServiceRow
 from gear_rattle.service.errors import DataDirectoryError, UnavailableError
 
 TAKEN = (
-    "Another service has used the job database meanwhile, so this service has stopped writing. "
-    "Stop one of them, and start the other again."
+    "Another service has opened the job database, so this service has stopped writing. "
+    "Stop one of both services, and start the other one again."
 )
 
 
@@ -43,7 +43,7 @@ class Transactions:
         self._writing = threading.Lock()
 
     def _write_with(self, engine: Engine) -> None:
-        """Use this engine for writing from now on."""
+        """Use another engine for all further writes."""
         self._writer = engine.execution_options(writes=True)
 
     @contextmanager
@@ -54,7 +54,7 @@ class Transactions:
 
     @contextmanager
     def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
-        """Yield a transaction without concurrent writers, so that it may decide by the rows that it reads.
+        """Yield a transaction that excludes other writers, so that no row that it reads can change before it writes.
 
         Yields
         ------
@@ -64,7 +64,7 @@ class Transactions:
         Raises
         ------
         UnavailableError
-            Another service has opened the database since this one did, or earlier writers take too long.
+            Another service has opened the database after this one, or earlier writers take too long.
         """
         self._require()
         with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():
@@ -79,9 +79,9 @@ class Transactions:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        # SQLite lets competing writers sleep longer and longer instead of queueing them: some would wait for seconds.
+        # Writers queue here. SQLite lets competing writers sleep for increasing times, so some would wait for seconds.
         if not self._writing.acquire(timeout=BUSY_SECONDS):
-            raise UnavailableError("The job database has too much to write. Try again in a few seconds.")
+            raise UnavailableError("The job database is busy with other writes. Try again in a few seconds.")
         try:
             yield
         finally:

@@ -1,4 +1,4 @@
-"""Send events of surveys from the thread that runs them to any number of streams, reading each event once."""
+"""Send the events of surveys to any number of streams. Each event is read from the database once."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import EventRow, State
 from gear_rattle.service.errors import UnavailableError, UnknownSurveyError
 
-KEPT = 512  # latest events of a survey in memory; slower listeners read the database
-PAUSE = 0.05  # time between two reads; events in between are sent together
-RETRY_SECONDS = 1.0
-WOKEN_TOGETHER = 50
+KEPT = 512  # at most this many events of a survey are kept in memory; slower listeners read the database
+PAUSE = 0.05  # seconds between two reads; events in between are sent together
+RETRY_SECONDS = 1.0  # seconds until the next read after an error
+WOKEN_TOGETHER = 50  # at most this many listeners are notified before the event loop can do other work
 
 Read = Callable[[str, int], Sequence[EventRow]]
 
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """An encoded event; `last` is true if no event can follow."""
+    """An encoded event. last: True if no event can follow."""
 
     id: int
     text: bytes
@@ -37,7 +37,7 @@ class Written:
 
 
 def written_event(rows: Sequence[EventRow]) -> list[Written]:
-    """Return rows of events encoded for a stream."""
+    """Encode rows of events for an event stream."""
     return [
         Written(
             row.id,
@@ -49,7 +49,7 @@ def written_event(rows: Sequence[EventRow]) -> list[Written]:
 
 
 class Feed:
-    """The latest events of a survey that has listeners. It belongs to one event loop."""
+    """The latest events of a survey that has listeners. A feed belongs to one event loop."""
 
     def __init__(self, survey_id: str, read: Read, last: int) -> None:
         self._survey_id, self._read, self._last = survey_id, read, last
@@ -62,19 +62,19 @@ class Feed:
         self._stale.set()  # there may be events after `last`
 
     def changed(self) -> None:
-        """Read new events from the database. May be called from any thread."""
+        """Let the feed read new events from the database. It may be called from any thread."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def after(self, seen: int) -> list[Written] | None:
-        """Return the events after number `seen`, as far as they are read; None if some are no longer kept."""
+        """Return the events after number `seen` that have been read; None if some of them are no longer kept."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
         return self._recent[seen + 1 - first :] if seen + 1 >= first else None
 
     def close(self) -> None:
-        """Stop publishing."""
+        """Stop reading events."""
         self._task.cancel()
 
     async def _keep_up(self) -> None:
@@ -92,11 +92,11 @@ class Feed:
                 continue
             else:
                 if rows:
-                    self._stale.set()  # there may be more than one read returns
+                    self._stale.set()  # there may be more events, because one read returns a limited number
                     self._last = rows[-1].id
                     self._recent = (self._recent + written_event(rows))[-KEPT:]
             if self.deleted or rows:
-                # In groups, so that the event loop can answer requests in between.
+                # Listeners are notified in groups, so that the event loop can answer requests in between.
                 listeners = tuple(self.listeners)
                 for first in range(0, len(listeners), WOKEN_TOGETHER):
                     for listener in listeners[first : first + WOKEN_TOGETHER]:
@@ -114,7 +114,7 @@ class Broadcast:
         self._watchers: set[Callable[[str], None]] = set()
 
     def changed(self, survey_id: str) -> None:
-        """Notify the feed of a survey, and all watchers. May be called from any thread."""
+        """Notify the feed of a survey, and all watchers. It may be called from any thread."""
         with self._lock:
             feed, watchers = self._feeds.get(survey_id), tuple(self._watchers)
         if feed is not None:
@@ -124,7 +124,7 @@ class Broadcast:
 
     @contextmanager
     def watch(self, on_change: Callable[[str], None]) -> Iterator[None]:
-        """Call `on_change` with the id of each survey that changes, from any thread."""
+        """Call `on_change` with the id of each survey that changes, during this context. Any thread may call it."""
         with self._lock:
             self._watchers.add(on_change)
         try:
@@ -135,7 +135,7 @@ class Broadcast:
 
     @contextmanager
     def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:
-        """Yield the feed of a survey, and an event that is set whenever the feed has grown; the listener clears it.
+        """Yield the feed of a survey, and an asyncio event that is set when the feed has new events.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Broadcast:
         Yields
         ------
         tuple[Feed, asyncio.Event]
-            The feed, and the event.
+            The feed, and the asyncio event, which the listener must clear.
         """
         listener = asyncio.Event()
         with self._lock:

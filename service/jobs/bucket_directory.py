@@ -1,4 +1,4 @@
-"""A data directory whose stores are in a bucket; the lock, and usually the job database, are on a local disk."""
+"""A data directory whose stores are in a bucket. The lock and usually the job database are on a local disk."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gear_rattle.workers import Bucket
 
 
 class BucketDirectory(DataDirectory):
-    """Directory of a service's jobs, and the prefix of a bucket with its stores.
+    """The data directory of a service, and the prefix of a bucket with its stores.
 
     Parameters
     ----------
     path
         The data directory.
     url
-        ``s3://BUCKET/PREFIX``, used by this service only.
+        ``s3://BUCKET/PREFIX``, a prefix that no other service uses.
     """
 
     def __init__(self, path: Path, url: str) -> None:
@@ -28,14 +28,14 @@ class BucketDirectory(DataDirectory):
         self._bucket = lru_cache(maxsize=256)(self._open)
 
     def _open(self, survey_id: str) -> Bucket:
-        # A service locks its job database, so it is the only writer of its surveys' stores.
+        # The service has locked its job database, so it is the only writer of the stores of its surveys.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the directory; raise an error at once if the bucket cannot be reached."""
+        """Lock the directory. If the bucket cannot be reached, raise an error at once."""
         with super().locked():
-            self._root.children()  # raises an error now if the bucket is missing
+            self._root.children()  # raises an error if the bucket is missing
             yield
 
     def store(self, survey_id: str) -> Bucket:
@@ -47,7 +47,7 @@ class BucketDirectory(DataDirectory):
         self.store(survey_id).delete()
 
     def entries(self) -> list[StoreEntry]:
-        """Return the entries of the prefix, by name."""
+        """Return the entries of the prefix, sorted by name."""
         return sorted(self._entries(), key=lambda entry: entry.name)
 
     def _entries(self) -> Iterator[StoreEntry]:
@@ -59,9 +59,9 @@ class BucketDirectory(DataDirectory):
                 yield StoreEntry(f"{self._root}/{name}", "", False, False, lambda: None)
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
-        """Do nothing: objects are written whole or not at all."""
+        """Do nothing, because a bucket has no partial objects."""
 
 
 def open_directory(path: Path, stores: str | None) -> DataDirectory:
-    """Return the data directory of a service, with its stores in it or at a URL."""
+    """Return the data directory of a service. stores: URL of a bucket, or None for stores in the directory."""
     return BucketDirectory(path, stores) if stores else DataDirectory(path)

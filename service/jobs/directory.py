@@ -1,4 +1,4 @@
-"""The data directory: the job database, one store for each survey, and a lock against a second server."""
+"""The data directory: the job database, a store for each survey, and a lock against a second service."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TRASH = ".trash-"
 IDENTITY = "identity"
 SURVEY = r"(?P<survey>[0-9a-f]{16})"
-#: Names of a store during its deletion, of one during its creation, of a store, and of its certificates.
+#: Patterns of the names of a store during its deletion, a store during its creation, a store, and its certificates.
 DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
     re.compile(pattern)
     for pattern in (
@@ -39,7 +39,11 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 
 @dataclass(frozen=True)
 class StoreEntry:
-    """Entry of the directory of stores; ``survey_id`` is empty if the name is not that of a store."""
+    """An entry in the directory of stores.
+
+    survey_id: empty if the name is not the name of a store. deletion: a store whose deletion has begun. temporary: a
+    store whose creation has not ended. remove: function that removes the entry.
+    """
 
     name: str
     survey_id: str
@@ -49,7 +53,7 @@ class StoreEntry:
 
     @classmethod
     def of(cls, path: Path) -> StoreEntry:
-        """Return the entry at a path."""
+        """Return the entry for a path."""
 
         def remove() -> None:
             shutil.rmtree(path, ignore_errors=True)
@@ -61,12 +65,12 @@ class StoreEntry:
 
 
 class DataDirectory:
-    """Directory with all persistent data of one server.
+    """The directory with all persistent data of one service.
 
     Parameters
     ----------
     path
-        The directory; created by :meth:`locked` if absent.
+        Path of the directory; :meth:`locked` creates it if it does not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -76,7 +80,7 @@ class DataDirectory:
 
     @property
     def database_url(self) -> URL:
-        """Address of the job database."""
+        """The URL of the job database."""
         return URL.create("sqlite", database=str(self._database))
 
     @property
@@ -95,7 +99,7 @@ class DataDirectory:
         Raises
         ------
         DirectoryAwayError
-            The directory is missing, so nothing is known about its stores.
+            The data directory is missing.
         """
         self.require()
         return self._path_of(survey_id)
@@ -105,7 +109,7 @@ class DataDirectory:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the directory. The lock belongs to the process and ends with it, even by SIGKILL.
+        """Lock the directory during this context. The lock also ends with the process, even by SIGKILL.
 
         Raises
         ------
@@ -118,8 +122,8 @@ class DataDirectory:
             lock.acquire()
         except Timeout as error:
             raise DataDirectoryError(
-                f"Another server uses the data directory {self.path}. Stop it, or give this one another directory. "
-                "One service is one process: start uvicorn without --workers."
+                f"Another service uses the data directory {self.path}. Stop it, or give this one another directory. "
+                "A service is one process: start uvicorn without --workers."
             ) from error
         except OSError as error:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
@@ -127,26 +131,26 @@ class DataDirectory:
             yield
 
     def identify(self, known: str | None = None) -> None:
-        """Check the identity of the directory, or write one. The caller has locked the directory.
+        """Check the identity of the directory, or give it one. The caller has locked the directory.
 
         Parameters
         ----------
         known : str | None
-            Identity of the directory in the job database, if the database is elsewhere and has one.
+            Identity of the directory according to the job database, if the database is elsewhere.
 
         Raises
         ------
         DataDirectoryError
-            This is another directory, or it cannot be written to.
+            The directory has another identity, or cannot be written to.
         """
         try:
             self.identity = self._found()
             if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
-                    f"{self.path} is not the data directory that the job database knows: is its disk mounted? To use "
-                    f"this one instead, without the stores of the other: echo {known} > {self.path / IDENTITY}"
+                    f"{self.path} is not the data directory that the job database knows: is the right disk mounted? To "
+                    f"use this directory anyway, without the other's stores: echo {known} > {self.path / IDENTITY}"
                 )
-            if not self.identity:  # a new directory, or one of an older version without identities
+            if not self.identity:  # a new directory, or a directory of an older version, which wrote no identity
                 self.identity = known or secrets.token_hex(16)
                 new = self.path / f".{IDENTITY}"
                 new.write_text(f"{self.identity}\n")
@@ -155,7 +159,7 @@ class DataDirectory:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
 
     def require(self) -> None:
-        """Raise DirectoryAwayError unless the directory is the one that was identified, or none was."""
+        """Raise DirectoryAwayError if the directory no longer has the identity that `identify` found."""
         try:
             there = self._found() == self.identity
         except OSError:  # the disk fails
@@ -172,7 +176,7 @@ class DataDirectory:
     def remove_store(self, survey_id: str) -> None:
         """Delete a store, after the certificates beside it.
 
-        It is renamed first, so a crash never leaves half of a store under its name.
+        The store is renamed first, so that a crash never leaves half of a store under the store's name.
         """
         shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
         trash = self._stores / f"{TRASH}{survey_id}"
@@ -187,12 +191,12 @@ class DataDirectory:
         return [StoreEntry.of(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
-        """Remove the partial files of killed writers in a survey's store, to which nobody may be writing."""
+        """Remove the partial files that killed writers left in a survey's store. No process may be writing to it."""
         store = self._path_of(survey_id)
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
         except (OSError, ValueError, KeyError, TypeError):
-            return  # no store of this project: the job manager reports it
+            return  # this is no store of a survey, which the job manager will report
         if found == content_hash:
             for stray in store.rglob("*.partial"):
                 stray.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The job manager: a thread that runs the surveys of the database in turns, on a cluster that may come and go."""
+"""The job manager: a thread that computes the surveys in the database, in turns, on a cluster that may be lost."""
 
 from __future__ import annotations
 
@@ -47,26 +47,27 @@ if TYPE_CHECKING:
     from gear_rattle.workers.kinds import AnyTile
     from gear_rattle.workers.survey.template import Template
 
-FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0  # seconds until the next attempt after an error; each pause doubles the last
 OK, READY, STARTING = "ok", "ready", "starting"
-WORKERS_SECONDS = 2.0
-LAST_TILES_SECONDS = 3.0  # a deletion waits so long for the last tiles; dismissal ends them within 2
-MAX_FAILURES = 100  # the most messages stored for one tile
+WORKERS_SECONDS = 2.0  # longest wait for the number of the cluster's threads
+LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for the last tiles, which end within 2 s after a dismissal
+MAX_FAILURES = 100  # at most this many messages of failed cells are stored for a tile
 
 log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Runs accepted surveys, one at a time in turns, and resumes those that an earlier process left unfinished.
+    """Computes accepted surveys, one at a time and in turns, and resumes surveys that an earlier process left.
 
     Parameters
     ----------
     database
         The record of all surveys.
     directory
-        Locates their stores.
+        The data directory, which locates the stores.
     cluster
-        Opens the dask cluster, and stops opening it if its argument says so; called again after the cluster was lost.
+        Function that opens the dask cluster. It is called again after the cluster was lost. Its argument is a function
+        that returns whether to stop opening the cluster.
     on_tile
         Called with the record of every written tile.
     turns
@@ -83,8 +84,9 @@ class JobManager:
     ) -> None:
         self._on_tile = on_tile
         self._turns = turns or Turns()
-        self._left: dict[str, dict[int, AnyTile]] = {}  # missing tiles of surveys that wait for another turn, by index
-        self._begun: dict[str, Begun] = {}  # states of these surveys and of the running one
+        # By id of a survey that waits for its next turn: its missing tiles, by index.
+        self._left: dict[str, dict[int, AnyTile]] = {}
+        self._begun: dict[str, Begun] = {}  # by id: the states of the same surveys and of the running survey
         self._ends: dict[str, float] = {}  # predicted end of the running survey's tiles, by `time.monotonic`
         self._client: Client | None = None
         self._database = database
@@ -104,7 +106,7 @@ class JobManager:
         self._thread.start()
 
     def ask_to_stop(self) -> None:
-        """Ask the thread to end. The running survey can be resumed later."""
+        """Let the thread end soon. The running survey can be resumed later."""
         self._stopping.set()
         self._wake.set()
 
@@ -118,7 +120,7 @@ class JobManager:
         self._wake.set()
 
     def dismiss_or_delete(self, survey_id: str) -> JobRow | None:
-        """Dismiss a survey that waits or runs, delete one that has ended.
+        """Dismiss a survey that waits or runs, or delete a survey that has ended.
 
         Returns
         -------
@@ -130,9 +132,9 @@ class JobManager:
         UnknownSurveyError
             There is no such survey.
         ConflictError
-            It was dismissed, but its last tiles still run after some seconds; or it runs again.
+            The survey was dismissed, but its last tiles still run after some seconds; or it has been started again.
         DirectoryAwayError
-            The data directory is away, so nothing can be deleted.
+            The data directory is missing, so nothing can be deleted.
         """
         self._database.job(survey_id)
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
@@ -147,13 +149,13 @@ class JobManager:
             if not State((job := self._database.job(survey_id)).state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
             self._directory.require()
-            self._database.begin_deletion(survey_id)  # a crash must not leave a seemingly whole survey
+            self._database.begin_deletion(survey_id)  # after a crash, the next service completes the deletion
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
         return None
 
     def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Run an ended or dismissed survey again over its damaged or missing tiles.
+        """Queue a survey that has ended, to check all its tiles and compute damaged or missing ones again.
 
         Returns
         -------
@@ -167,18 +169,19 @@ class JobManager:
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         ConflictError
-            It is active or being deleted, or another version completed it.
+            The survey is active or being deleted, or another version completed it.
         """
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
         if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run would fail
             raise ConflictError(
-                f"Survey {survey_id} was computed by another version, which alone can verify it. Submit it anew."
+                f"Survey {survey_id} was computed by another version, and only that version can verify it. Submit the "
+                "survey again."
             )
-        with self._lock:  # not between the check of the state and the removal of the store by a deletion
+        with self._lock:  # so that no deletion comes between the check of the state and the new run
             job = self._database.reopen(survey_id, owner, max_jobs)
-            if self._current == survey_id:  # the dismissed run is about to end, before the new one
+            if self._current == survey_id:  # the dismissed run has not ended yet, and must end before the new run
                 self._dismissed.set()
         self.wake()
         return job
@@ -196,7 +199,7 @@ class JobManager:
                     finally:
                         self._client = None
             except Exception as error:
-                if self._stopping.is_set():  # the stop ended the start of the cluster
+                if self._stopping.is_set():  # the cluster was not opened because the service stops
                     return
                 unexpected = None if isinstance(error, RattleError) else error
                 log.warning("no cluster or no database, next try in %.0f s: %s", pause, error, exc_info=unexpected)
@@ -205,11 +208,11 @@ class JobManager:
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     def _run_all(self, client: Client) -> None:
-        """Run surveys until the end of the service, or until the cluster is lost."""
+        """Compute surveys until the service stops or the cluster is lost."""
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
-            if self._stopping.is_set():  # it may have been set after the loop's check, and its wake-up was just cleared
+            if self._stopping.is_set():  # `clear` may have removed the wake-up of a stop since the loop's check
                 return
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost")
@@ -218,14 +221,14 @@ class JobManager:
                 self.storage_state = OK
                 if not found:
                     self._wake.wait()
-            except (StorageError, DirectoryAwayError, SQLAlchemyError) as error:  # a full disk raises either of two
+            except (StorageError, DirectoryAwayError, SQLAlchemyError) as error:  # for example, the disk is full
                 pause = FIRST_PAUSE if self.storage_state == OK else min(2 * pause, LONGEST_PAUSE)
                 log.warning("nothing can be stored, next try in %.0f s: %s", pause, error)
                 self.storage_state = f"unavailable: {error}"
                 self._wake.wait(pause)
 
     def _run_next(self, client: Client) -> bool:
-        """Run the survey whose turn it is. Return False if there is none."""
+        """Compute the survey that has the next turn. Return False if no survey waits."""
         active = self._database.active()
         job = self._turns.next(active)
         if job is None:
@@ -233,7 +236,7 @@ class JobManager:
         self._turns.begin(job)
         self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
         self._begun = {each: begun for each, begun in self._begun.items() if each in self._left}
-        self._database.give_turn(job.id)
+        self._database.set_turn_messages(job.id)
         with self._lock:
             self._current = job.id
             self._dismissed.clear()
@@ -257,7 +260,7 @@ class JobManager:
             self._say_that_it_waits(survey_id, error)
             raise
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
-            raise  # not caused by the survey, which continues later
+            raise  # the survey did not cause the error, and continues later
         except StorageError as error:
             self._say_that_it_waits(survey_id, error)
             raise
@@ -270,7 +273,7 @@ class JobManager:
 
     @contextmanager
     def _blaming_directory(self) -> Iterator[None]:
-        """Raise DirectoryAwayError for any error while the data directory is away, such as that of a missing store."""
+        """Replace any error, such as a missing store, by DirectoryAwayError if the data directory is missing."""
         try:
             yield
         except Exception as error:
@@ -281,7 +284,7 @@ class JobManager:
             raise
 
     def _say_that_it_waits(self, survey_id: str, error: Exception) -> None:
-        if self.storage_state == OK:  # only once, not at every attempt
+        if self.storage_state == OK:  # the message is written once, not at every attempt
             self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
 
     def _compute(self, survey_id: str, client: Client) -> None:
@@ -289,12 +292,12 @@ class JobManager:
         if State(job.state).final or (
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
         ):
-            return  # it was dismissed meanwhile
+            return  # the survey has been dismissed
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # such as that it waits, from before a restart
-        if left is None or job.state == State.ACCEPTED:  # a verification reads all tiles
+        has_message = bool(job.message)  # for example that the survey waits, written before a restart
+        if left is None or job.state == State.ACCEPTED:  # a verification (ACCEPTED) checks all tiles
             left, has_lost = self._prepared(job, request, path, client)
             has_message |= has_lost
 
@@ -303,7 +306,7 @@ class JobManager:
             self._record(survey_id, request, tile)
             left.pop(tile.index, None)
             if has_message:
-                self._database.set_state(survey_id, State.RUNNING)  # without the message
+                self._database.set_state(survey_id, State.RUNNING)  # removes the message
                 has_message = False
             self.storage_state = OK
 
@@ -328,34 +331,34 @@ class JobManager:
         goes_on = is_paused and (left or is_incomplete(request, path))
         if not goes_on:
             finish_store(path)
-        with self._lock:  # not between a dismissal and a verification, which starts again
+        with self._lock:  # so that no dismissal or verification comes between the check and the new state
             if self._dismissed.is_set():
                 return
             if goes_on:
                 self._left[survey_id] = left
-                self._database.set_state(survey_id, State.RUNNING)  # without the message about certificates
+                self._database.set_state(survey_id, State.RUNNING)  # removes the message about certificates
             else:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
 
     def _prepared(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """Return the missing tiles of a survey, by index, and whether recorded ones are lost."""
+        """Create the store. Return the survey's missing tiles, by index, and whether recorded tiles are lost."""
 
-        # Curves take minutes in some windows, so the cluster computes them.
+        # The cluster computes the template, because curves take minutes in some windows.
         def template(request: AnyRequest, created: str | None) -> Template:
             return template_on(client, request, created, self._interrupted)
 
         create_store(request, path, template)
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(job.id, request.content_hash())
-        # A tile counts only if the database has its failures and the store has its numbers.
+        # A tile counts as done only if the database has its failures and the store has its values.
         done = self._database.tiles_done(job.id) & tiles_done(request, path, self._interrupted)
         lost = self._database.keep_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
-        """Return whether the running survey must make room for another one."""
+        """Return whether the turn of the running survey is over. If no other survey is next, begin a new turn of it."""
         if not self._turns.is_used_up:
             return False
         following = self._turns.next(self._database.active())
@@ -367,7 +370,7 @@ class JobManager:
         return True
 
     def _telling(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that writes the number of proved attractors into the message, at each per cent of them."""
+        """Return a function that shows the number of tried attractors in the survey's message, at each per cent."""
         shown = -1
 
         def tell(done: int, number: int) -> None:
@@ -375,18 +378,18 @@ class JobManager:
             percent = 100 * done // max(number, 1)
             if percent > shown:
                 shown = percent
-                message = f"proves its periodic attractors: {done} of {number} are through"
+                message = f"proves its periodic attractors: {done} of {number} have been tried"
                 self._database.set_state(survey_id, State.RUNNING, message)
 
         return tell
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the seconds that the tiles of the running survey will take; None for others, or if unknown."""
+        """Return the seconds until the tiles of a survey end; None if the survey does not run, or if unknown."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
     def workers(self) -> int:
-        """Return the number of threads of the cluster; 0 if it is away or does not answer soon."""
+        """Return the number of threads of the cluster; 0 if there is no cluster or it does not answer soon."""
         if (client := self._client) is None:
             return 0
         try:
@@ -396,7 +399,7 @@ class JobManager:
 
     @contextmanager
     def lent_client(self) -> Iterator[Client]:
-        """Yield the client of the cluster for other threads, whose tasks run beside the tiles of surveys.
+        """Yield the client of the cluster to another thread, whose tasks run beside the tiles of surveys.
 
         Yields
         ------
@@ -408,14 +411,14 @@ class JobManager:
         UnavailableError
             There is no cluster.
         ClusterLostError
-            The cluster was lost meanwhile.
+            The cluster was lost during this context.
         """
         if (client := self._client) is None:
-            raise UnavailableError(f"The workers cannot be used now (they are {self.cluster_state}). Try again soon.")
+            raise UnavailableError(f"The workers cannot be used now ({self.cluster_state}). Try again soon.")
         try:
             yield client
         except ClusterLostError:
-            self.wake()  # without a running survey nothing else would notice
+            self.wake()  # otherwise the thread would not notice the loss unless a survey is running
             raise
 
     def _interrupted(self) -> bool:
@@ -443,5 +446,5 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request is no longer valid in this version ({place_and_reason(error)}). Submit it anew."
+            f"The request is no longer valid in this version ({place_and_reason(error)}). Submit a corrected request."
         ) from error

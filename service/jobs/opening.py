@@ -1,4 +1,4 @@
-"""Open the persistent data of a service: its data directory, and its job database there or elsewhere."""
+"""Open the persistent data of a service: its data directory and its job database."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from gear_rattle.service.settings import Settings
 def opened(
     settings: Settings, on_change: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[DataDirectory, Database]]:
-    """Yield the data directory and the job database, locked against every other service.
+    """Yield the data directory and the job database, locked against other services.
 
     Parameters
     ----------
     settings : Settings
-        Of the service.
+        The settings of the service.
     on_change : Callable[[str], None]
         Called with the id of a survey after each commit that added an event to it.
 
     Yields
     ------
     tuple[DataDirectory, Database]
-        Both are closed at the end.
+        The open directory and database, which are closed at the end of the context.
 
     Raises
     ------
     DataDirectoryError
-        One of them cannot be used, another service has locked it, or the database knows another directory than this
-        one, whose disk may not be mounted.
+        One of both cannot be used, or another service has locked it, or the database belongs to another directory,
+        whose disk may not be mounted.
     """
     directory = open_directory(settings.data, settings.store)
     inside = settings.database_url is None
     url, require = (directory.database_url, directory.require) if inside else (settings.database_url, None)
     assert url is not None
     with directory.locked(), closing(Database(url, on_change, require=require)) as database:
-        if inside or settings.store:  # the database is in the directory, or no store is
+        if inside or settings.store:  # the database is in the directory, or the stores are in a bucket
             directory.identify()
         else:
             directory.identify(database.directory())

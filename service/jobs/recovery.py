@@ -1,4 +1,4 @@
-"""Clean up the unfinished work of an earlier service before a new one begins."""
+"""Clean up the unfinished work of an earlier service before the new service begins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 def recover(database: Database, directory: DataDirectory) -> None:
     """Complete deletions, remove partial files of killed writers, and log entries that belong to no survey.
 
-    Running surveys are checked against their stores when the job manager resumes them.
+    The job manager checks running surveys against their stores when it resumes them.
     """
     entries = directory.entries()
     known = database.known({entry.survey_id for entry in entries})
@@ -24,7 +24,7 @@ def recover(database: Database, directory: DataDirectory) -> None:
             log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
         elif entry.deletion:
             entry.remove()
-            with suppress(ConflictError):  # an older database was restored: the survey is computed again
+            with suppress(ConflictError):  # in a restored older database the survey is active, and is computed again
                 database.delete(entry.survey_id)
         elif entry.temporary:
             entry.remove()

@@ -1,4 +1,4 @@
-"""Share the cluster between surveys: API keys take turns, and the surveys of a key share its turns."""
+"""The scheduler: API keys take turns on the cluster, and the surveys of a key share the key's turns."""
 
 from __future__ import annotations
 
@@ -9,40 +9,41 @@ from dataclasses import dataclass
 
 from gear_rattle.service.database.survey_rows import Active
 
-TURN_SECONDS = 3.0  # running tasks end within two seconds after that, unless one cell takes longer
+TURN_SECONDS = 3.0  # duration of a turn; running tasks end within two seconds afterwards, unless one cell takes longer
 
 
 @dataclass
 class _Standing:
-    """Turns of an API key: number of its last turn, and whether the next one is for its smallest survey."""
+    """The turns of an API key. last: number of its last turn. smallest: its next turn is for its smallest survey."""
 
     last: int = 0
     smallest: bool = True
 
 
 class Turns:
-    """The scheduler of several surveys. It belongs to one thread, and starts afresh with each process.
+    """The scheduler of several surveys. It belongs to one thread, and its state is lost with the process.
 
-    Keys take turns one after the other. Each key alternates between its survey with the fewest remaining cells and its
-    survey that has waited for most turns, so the smallest waits for at most two turns of its key, and every survey gets
-    its turn, whatever else is submitted. A survey without remaining cells counts as the largest, because the time of
-    its bound or its certificates does not follow from cells.
+    Keys take turns one after the other. A key alternates between its survey with the fewest remaining cells and its
+    survey that has waited for the most turns. So its smallest survey waits for at most two turns of the key, and every
+    survey gets a turn, whatever else is submitted. A survey without remaining cells counts as the largest, because the
+    time for its bound or certificates does not follow from cells.
 
     Parameters
     ----------
     clock
-        Returns seconds.
+        Function that returns the time in seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._count = 0  # number of turns so far
         self._keys: dict[str | None, _Standing] = {}
-        self._waits_since: dict[str, int] = {}  # number of the turn in which a survey came, or of its last turn
+        # By id of a survey: the number of its last turn, or of the turn in which it was submitted.
+        self._waits_since: dict[str, int] = {}
         self._began = 0.0
 
     def next(self, active: Sequence[Active]) -> Active | None:
-        """Return the survey with the next turn among the active ones, which are in the order of their numbers."""
+        """Return the survey that gets the next turn. active: all active surveys, oldest first."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:
@@ -63,7 +64,7 @@ class Turns:
 
     @property
     def is_used_up(self) -> bool:
-        """True if the turn has lasted long enough for another survey to begin."""
+        """True if the present turn has lasted for TURN_SECONDS."""
         return self._clock() - self._began >= TURN_SECONDS
 
     def _key(self, owner: str | None) -> _Standing:

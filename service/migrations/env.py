@@ -1,4 +1,4 @@
-"""Run by alembic, on the connection that service/database/schema.py hands over, inside its transaction."""
+"""Run the migrations. alembic executes this file, with the connection and transaction of service/database/schema.py."""
 
 from alembic import context
 

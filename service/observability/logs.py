@@ -1,7 +1,7 @@
-"""Logs as text or as lines of JSON, each with the survey and the request that it belongs to.
+"""Format logs as text or JSON lines. Each record names the survey and the request that it belongs to.
 
-A record is one line of printable characters, whatever a client sent, so that nobody can forge records or control the
-terminal of a reader. Only tracebacks have further lines.
+Whatever a client sends, a record is one line of printable characters, so that nobody can forge records or send control
+characters to a reader's terminal. Only tracebacks have further lines.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 
-#: A frame of a traceback, in an exception group too.
+#: The beginning of a frame of a traceback, also in an exception group.
 FRAME = re.compile(r'[ |+\-]*File "')
 
 _survey: ContextVar[str | None] = ContextVar("survey", default=None)
@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def about(survey_id: str) -> Iterator[None]:
-    """Add a survey's id to every record of this thread or task."""
+    """Add a survey's id to every log record of this thread or task during this context."""
     token = _survey.set(survey_id)
     try:
         yield
@@ -39,10 +39,10 @@ def about(survey_id: str) -> Iterator[None]:
 
 
 class Context(logging.Filter):
-    """Filter that adds the survey and the request to a record."""
+    """Log filter that adds the ids of the survey and the request to a record."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Add the survey and the request to a record."""
+        """Add the ids of the survey and the request to a record; let all records pass."""
         for name, variable in (("survey", _survey), ("request", current_request)):
             if not hasattr(record, name) and (value := variable.get()):
                 setattr(record, name, value)
@@ -50,14 +50,14 @@ class Context(logging.Filter):
 
 
 def printable(text: str) -> str:
-    """Return the text in one line, with characters that are not printable in Python's notation."""
+    """Return text in one line. Characters that are not printable become escape sequences of Python."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
 class Printable(logging.Formatter):
-    """Base of both formats, which makes tracebacks printable."""
+    """Base of both formatters. It makes tracebacks printable."""
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of logging
         """Return the traceback in printable characters."""
@@ -71,9 +71,9 @@ class Printable(logging.Formatter):
 def _traceback(
     kind: type[BaseException] | None, error: BaseException | None, frames: TracebackType | None
 ) -> list[str]:
-    """Return the lines of a traceback, indented unlike records.
+    """Return the lines of a traceback, indented to distinguish them from records.
 
-    Lines of frames are split; a message, which may quote a client, is one line.
+    Frames may have several lines. The message of an error is one line, because it may quote what a client sent.
 
     Returns
     -------
@@ -88,12 +88,12 @@ def _traceback(
 
 
 class TextFormatter(Printable):
-    """Formatter of text: the message, then its survey, request and seconds."""
+    """Formatter of text records: the message, followed by survey, request and seconds."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the record as text, without the text of another handler."""
+        """Return the record as text. The traceback is formatted here, even if another handler has formatted it."""
         alone = copy(record)
-        alone.exc_text = None  # another handler may have set it
+        alone.exc_text = None  # another handler's text of the traceback
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
@@ -104,7 +104,7 @@ class TextFormatter(Printable):
 
 
 def log_config(form: str) -> dict[str, Any]:
-    """Return a configuration for `logging.config.dictConfig`: all records go to stderr, as ``text`` or ``json``."""
+    """Return a configuration for `logging.config.dictConfig` that writes all records to stderr. form: text or json."""
     fields = "%(asctime)s %(levelname)s %(name)s %(message)s"
     formatter = {"()": TextFormatter, "format": fields}
     if form == "json":
@@ -126,7 +126,7 @@ def log_config(form: str) -> dict[str, Any]:
 
 
 def adopt_handlers() -> None:
-    """Set this project's format in handlers that libraries such as dask and Panel install when they are imported."""
+    """Give the log handlers that libraries such as dask and Panel install at import this project's formatter."""
     ours = next((each for each in logging.root.handlers if isinstance(each.formatter, Printable)), None)
     if ours is None:
         return

@@ -1,4 +1,4 @@
-"""Format records as JSON, apart from `observability.logs`, since only a service with JSON logs needs the library."""
+"""Format log records as JSON. This is a module of its own, because only services with JSON logs need the library."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pythonjsonlogger.json import JsonFormatter
 
 from gear_rattle.service.observability.logs import Printable, printable
 
-#: Fields with several lines, which are printable already.
+#: Fields that may have several lines; `Printable` has already made them printable.
 TRACEBACKS = ("exc_info", "stack_info")
 
 
 class Json(Printable, JsonFormatter):
-    """Formatter of JSON objects, whose strings are printable even when `jq -r` prints them."""
+    """Formatter that writes a JSON object for each record. Its strings are printable, even when `jq -r` prints them."""
 
     def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
         """Return the fields of a record in printable characters."""

@@ -1,4 +1,4 @@
-"""Count events of a service, for Prometheus. Each application has a registry of its own."""
+"""Count events of a service for Prometheus. Each application has its own registry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 
 
 
 class Computing(Protocol):
-    """Source of the numbers about computation."""
+    """The part of the job manager that metrics need."""
 
     def workers(self) -> int:
         """Return the number of threads of the cluster."""
@@ -46,7 +46,7 @@ class Metrics:
         )
 
     def tile(self, record: TileRecord) -> None:
-        """Count a tile that has been written."""
+        """Count a written tile, with its cells, failures, impacts and seconds."""
         self._tiles.inc()
         self._cells.inc(record.cells)
         self._failed.inc(len(record.failed_cells))
@@ -54,11 +54,11 @@ class Metrics:
         self._busy.inc(record.seconds)
 
     def request(self, method: str, route: str, status: int, seconds: float) -> None:
-        """Count a request, by the template of its route."""
+        """Count a request. route: the template of its path, such as /v1/surveys/{survey_id}."""
         self._requests.labels(method, route, str(status)).observe(seconds)
 
     def watch(self, database: Database, manager: Computing) -> None:
-        """Read the job database and the cluster as well, at every scrape."""
+        """Also report numbers of the job database and the cluster, which are read at every scrape."""
         self.registry.register(_Now(database, manager))
 
     def exposition(self) -> bytes:

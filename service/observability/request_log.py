@@ -21,12 +21,12 @@ REQUEST_ID = "X-Request-ID"
 GIVEN_ID = re.compile(r"[A-Za-z0-9._\-]{1,64}")
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 NO_ROUTE = "none"
-#: Status for an answer that never began because the client had gone.
+#: Logged status of a request whose client disconnected before the answer began.
 UNANSWERED = 499
 
 
 class RequestLogMiddleware:
-    """Logs and counts each request, and gives it an id, which the client may choose and which the answer carries."""
+    """Logs and counts each request, and gives it an id. The client may choose the id; the answer's header has it."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app = app
@@ -54,7 +54,7 @@ class RequestLogMiddleware:
         except ClientDisconnect:
             raise
         except Exception:
-            if not answered:  # the middleware outside of this one answers
+            if not answered:  # an outer middleware answers with status 500
                 status = 500
             raise
         finally:

@@ -1,1 +1,1 @@
-"""Operations that routes and explorer share."""
+"""The operations that routes and the explorer share."""

@@ -1,4 +1,4 @@
-"""Decide which keys a store must have, because to zarr a missing chunk means fill values."""
+"""Decide which files a store must have, because zarr reads a missing chunk as fill values."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether a complete store of this survey would have this key. It reads the database: use a thread."""
+    """Return whether the store of a survey must have this key already. It reads the database, so it needs a thread."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
         manifest = _manifest(front.directory.store(survey_id), ended)
-    except LookupError:  # there is no store yet, or no readable manifest
+    except LookupError:  # there is no store yet, or its manifest cannot be read
         return False
     if key in manifest.files or key in (ROOT, MANIFEST):
         return True
@@ -28,14 +28,14 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
 
 @lru_cache(maxsize=64)
 def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
-    """Return the manifest of a store, without its tiles; LookupError if there is none.
+    """Return the manifest of a store without its tiles.
 
-    It is cached, and read again after the end of a run, which adds families and levels.
+    The manifest is cached. It is read again when the run has ended, because a run adds families and levels at its end.
 
     Returns
     -------
     Manifest
-        Its tiles are left out, since the database has them.
+        The manifest; its tiles are left out, because the database records them.
 
     Raises
     ------
@@ -44,4 +44,4 @@ def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  #
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError
-    return replace(manifest, tiles={})  # the database knows the computed tiles
+    return replace(manifest, tiles={})

@@ -1,4 +1,4 @@
-"""Compute the boundary crisis over a map, which takes long, and keep it."""
+"""Compute the boundary crisis for maps, and keep the curves, because they take half a minute to compute."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
 from rattle.models import Capability, Model, require_capability
 
-RESOLUTION = 0.02  # step in δ, twice the default, which halves the time
-KEPT = 16
+RESOLUTION = 0.02  # step in δ: twice the default of `crisis_curve`, which halves the time
+KEPT = 16  # at most this many curves are kept
 
 
 def _crisis(beta: float) -> np.ndarray:
-    """Return points (k, 2) of the crisis. It needs a process of its own, because it takes half a minute of Python."""
+    """Return points (k, 2) of the crisis. It needs a process of its own: it runs Python code for half a minute."""
     from rattle.crisis import crisis_curve
 
     curve = crisis_curve(beta=beta, resolution=RESOLUTION)
@@ -25,7 +25,7 @@ def _crisis(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves of the requested half-backlashes, each computed once for all pages."""
+    """The crisis curves for the requested half-backlashes. Each curve is computed once for all pages."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -33,7 +33,7 @@ class Crises:
         self._limiter = CapacityLimiter(1)
 
     async def of(self, model: Model) -> np.ndarray:
-        """Return points (k, 2) of the curve. Raises RattleError if there is none, or it cannot be followed."""
+        """Return points (k, 2) of a model's crisis curve. Raises RattleError if no curve exists or can be found."""
         require_capability(Capability.CRISIS, model)
         beta = model.beta
         if beta not in self._found:
@@ -53,4 +53,6 @@ class Crises:
                 work = partial(_crisis, beta)
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:
-            raise UnavailableError("The process that followed the crisis died. Switch it off and on again.") from error
+            raise UnavailableError(
+                "The process that computed the boundary crisis died. Switch the line off and on again."
+            ) from error

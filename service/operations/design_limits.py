@@ -1,4 +1,4 @@
-"""Compute the design limit over a map: the largest eccentricity for quiet running, at each damping."""
+"""Compute the design limit for maps: at each damping, the largest eccentricity for quiet running."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from rattle import Limit, design_limit
 from rattle.models import Model
 
 VALUES = 17  # number of dampings across a survey
-COUNT = 512
-KEPT = 16
+COUNT = 512  # least number of initial conditions
+KEPT = 16  # at most this many limits are kept
 
 Key = tuple[Model, Pair, float]
 Array = NDArray[np.float64]
 
 
 def limit_at(model: Model, delta: float, share: float) -> Limit:
-    """Return the limit at one damping; NaN if there is none."""
+    """Return the limit at one damping; NaN if there is no limit. share: required probability of quiet running."""
     given = {"delta": delta, **model.numbers}
     fewest = math.ceil(4.0 * share / (1.0 - share))
     return design_limit(given, "epsilon", share, count=max(COUNT, fewest))
 
 
 class DesignLimits:
-    """The requested limits, each computed once for all pages, one damping after the other."""
+    """The requested design limits. Each is computed once for all pages, one damping after the other."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
         self._known: dict[Key, dict[float, Limit]] = {}
 
     async def along(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
-        """Yield the known part of the limit over damping, after each further damping, coarse ones first.
+        """Compute a limit over a range of damping. After each damping, yield all dampings that are known so far.
 
         Yields
         ------
@@ -52,7 +52,7 @@ class DesignLimits:
         """
         key = model, delta, share
         known = self._known.pop(key, {})
-        self._known[key] = known  # as the most recently used
+        self._known[key] = known  # the last key of the dict is the most recently used one
         while len(self._known) > KEPT:
             self._known.pop(next(iter(self._known)))
         for value in coarse_first(delta):
@@ -73,7 +73,7 @@ class DesignLimits:
 
 
 def coarse_first(delta: Pair) -> list[float]:
-    """Return the dampings across a window, both ends included, so that each further one halves gaps."""
+    """Return evenly spaced dampings across a window, ordered such that each further damping halves a gap."""
     values = np.linspace(*delta, VALUES)
     order = [0, VALUES - 1]
     step = VALUES - 1

@@ -1,4 +1,4 @@
-"""The default ends and the resolution of a point's diagram."""
+"""The default ends and the default resolution of the diagram through a point."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from rattle.models import AnyGear
 
 Pair = tuple[float, float]
 
-SPANS = {"epsilon": 0.02, "delta": 0.05}  # default on either side, relative to the scale of the plane
-LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # allowed range of δ or ε on either side
-STEPS, COUNT = 160, 32  # points of the parameter, and initial conditions
+#: By direction: how far a diagram reaches on either side of the point by default, relative to the scale of the plane.
+SPANS = {"epsilon": 0.02, "delta": 0.05}
+LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # a diagram may reach this far in δ or ε on either side
+STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial conditions at each point
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return the range of δ or ε about a point, inside the plane, with so much on either side."""
+    """Return the range of δ or ε around a point, inside the plane. either_way: its extent on either side."""
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
@@ -25,12 +26,12 @@ def diagram_ends(
 ) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) where a diagram begins and ends.
 
-    It passes through the point along "epsilon" or "delta", or goes from the point to another one.
+    The diagram passes through the point along "epsilon" or "delta"; or it goes from the point to the point `to`.
 
     Returns
     -------
     tuple[Pair, Pair]
-        Begin and end.
+        The point at its beginning and the point at its end.
     """
     if to is not None:
         return (gear.delta, gear.epsilon), to

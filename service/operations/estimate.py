@@ -1,4 +1,4 @@
-"""Estimate the cost of a survey, from the cost of similar ones here."""
+"""Estimate the cost of a survey from similar surveys of this service, or by measuring some of its cells."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyReque
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.attractors import PERIODS, WATCH
 
-LOOKED_AT = 100  # newest surveys that are compared
-LEAST_CELLS = 16  # least cells of a survey whose speed is used for others
-SIMILAR = 4.0  # largest ratio of counts of initial conditions for which cost counts as proportional
-TRIED = 3  # cells along each axis of a measurement
+LOOKED_AT = 100  # the request is compared with this many newest surveys
+LEAST_CELLS = 16  # a survey is used for comparison if at least this many of its cells are computed
+SIMILAR = 4.0  # similar surveys differ at most by this factor in their counts of initial conditions and parameters
+TRIED = 3  # a measurement computes this many cells along each axis
 IF_ALL = ", if all cells were computed"
-STRONG = WATCH / PERIODS  # damping above which the observation time does not depend on damping
+STRONG = WATCH / PERIODS  # above this damping the observation time does not depend on damping
 
 
 @dataclass(frozen=True)
 class CostEstimate:
-    """Seconds that a survey will take on this service once it runs, and the basis of the estimate.
+    """The estimated cost of a survey on this service.
 
-    If `is_most` is true, they are an upper bound: the survey is refined, and only the cost of a cell is known.
+    seconds: duration of the survey once it runs. workers: assumed number of workers. basis: what the estimate is based
+    on, in words. is_most: True if `seconds` is an upper bound, because it is not known how many cells a refined survey
+    computes.
     """
 
     seconds: float
@@ -39,19 +41,19 @@ class CostEstimate:
 
 
 async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
-    """Estimate the cost of a survey from a similar one among the newest, or else from nine of its cells.
+    """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine of its cells.
 
-    The cost of a population is estimated from nine of its gears.
+    The cost of a population is estimated by computing nine of its gears.
 
     Returns
     -------
     CostEstimate
-        In seconds, with the number of workers that it assumes.
+        The estimate.
 
     Raises
     ------
     UnavailableError
-        The cost has to be measured, which takes too long or has to wait.
+        The cost must be measured, and the measurement takes too long or cannot begin now.
     """
     workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
     found = await run_in_threadpool(_by_others, front, request)
@@ -68,7 +70,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
             request,
             model=request.model,
             what="The cost",
-            advice="Ask for fewer initial conditions in a cell.",
+            advice="Request fewer initial conditions in a cell.",
         )
         basis = (
             f"measured now on {TRIED * TRIED} {'gears' if isinstance(request, PopulationRequest) else 'cells'} of it"
@@ -77,7 +79,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
 
 def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Return seconds of one process for a cell, and the basis, from a similar survey; None if there is none."""
+    """Return a process's seconds for a cell of a similar survey, and the basis in words; None without such a survey."""
     if isinstance(request, PopulationRequest):
         return None
     jobs, _ = front.database.jobs(LOOKED_AT)
@@ -89,7 +91,7 @@ def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
 
 
 def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
-    """Return the survey with the same computation for each cell, and the nearest number of initial conditions."""
+    """Return the similar survey with the nearest number of initial conditions; None if no survey is similar."""
     wanted = {str(group) for group in request.quantities}
     like = [
         job
@@ -114,7 +116,7 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether both have the same model, with similar values of its parameters."""
+    """Return whether both surveys have the same model with similar parameters."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -122,7 +124,7 @@ def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether samples are observed for about as long, in relaxation times if damping is weak."""
+    """Return whether both surveys have similar observation times, budgets and boxes of initial conditions."""
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
@@ -130,7 +132,7 @@ def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def cell_seconds(request: AnyRequest) -> float:
-    """Return seconds of one process for a cell, measured on a few cells spread over the survey."""
+    """Measure the seconds that one process takes for a cell, on a few cells spread over the survey."""
     few = _few_gears(request) if isinstance(request, PopulationRequest) else _few_cells(request)
     for _ in range(2):
         began = time.perf_counter()
@@ -141,7 +143,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few of the gears, with the same share of judged ones."""
+    """Return a request for a few gears of the population, with the same share of judged gears."""
     gears = min(request.gears, TRIED * TRIED)
     judged = max(1, round(gears * request.plan.judging / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
@@ -155,7 +157,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """Return an axis with the centres of a few equal parts of an axis, which represent it better than its ends."""
+    """Divide an axis into a few equal parts, and return their centres, which represent it better than its ends."""
     num = min(axis.num, TRIED)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

@@ -1,4 +1,4 @@
-"""Check a survey against the limits of the service."""
+"""Check a request for a survey or a population against the limits of the service."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from rattle import MissingExtraError
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:
-    """Refuse a survey, or a population, that exceeds the limits of this service, or needs proofs that it cannot make.
+    """Refuse a request that exceeds the limits of this service, or asks for proofs that the service cannot make.
 
-    The check takes no time, whatever the size of the survey.
+    The check takes no time, however large the survey is.
 
     Raises
     ------
     LimitError
-        Names the field and the limit.
+        A limit is exceeded; the error names the field and the limit.
     """
     if isinstance(request, PopulationRequest):
         _check_population(request, settings)
@@ -46,7 +46,7 @@ def _require_proofs(settings: Settings) -> None:
     try:
         require_proofs()
     except MissingExtraError as error:
-        raise LimitError("body.certify", f"This service makes no certificates. {error}") from error
+        raise LimitError("body.certify", f"This service cannot make certificates. {error}") from error
 
 
 def _check_population(request: PopulationRequest, settings: Settings) -> None:
@@ -61,6 +61,7 @@ def _check_population(request: PopulationRequest, settings: Settings) -> None:
 def _at_most(field: str, what: str, value: int, limit: int) -> None:
     if value > limit:
         message = (
-            f"{value} {what}: this service allows {limit}. Ask for less, or use a command, rattle run or tolerance."
+            f"{value:,} {what} exceed the limit of this service, {limit:,}. Request fewer, or use the command rattle "
+            "run or rattle tolerance."
         )
         raise LimitError(f"body.{field}", message)

@@ -1,4 +1,4 @@
-"""Write a parameter point as a Jupyter notebook, whose cells compute the contents of its view."""
+"""Write a Jupyter notebook that computes what the explorer shows of a parameter point."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return a notebook, nbformat 4.5, of a point or a machine, with the diagram between these ends.
+    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points between which its diagram goes.
 
-    Its numbers read back the same to the last bit.
+    Its numbers are written such that they read back the same to the last bit.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair])
 
 
 def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
-    """Yield name, kind and text of the cells."""
+    """Yield the name, the kind and the text of each cell."""
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made

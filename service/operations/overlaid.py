@@ -1,4 +1,4 @@
-"""Find slow overlays of maps for the explorer and for pictures, each once for all requests."""
+"""Compute slow overlays of maps for the explorer and for pictures. Each is computed once for all requests."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 class Asked:
     """A requested picture of a map.
 
-    slice: number of the slice, if there is a third axis. share: the least P(quiet) of the design limit; pixels: the
-    resolution of a finer window, None for no finer window.
+    index: number of the slot, orbit or family. slice: number of the slice, if there is a third axis. share: required
+    probability of quiet running for the design limit. pixels: resolution along (delta, epsilon) at which to compute the
+    window anew, or None.
     """
 
     variable: str
@@ -39,13 +40,13 @@ class Asked:
 
 
 class Overlaid:
-    """Overlays of the maps of one application."""
+    """The overlays of all maps of an application."""
 
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
     async def over(self, request: SurveyRequest, asked: Asked) -> Over:
-        """Return the overlays of a map of a survey, or of a slice. Raises UnavailableError, ClusterLostError."""
+        """Return the overlays of a map. request: of the survey or slice. Raises UnavailableError, ClusterLostError."""
         lines = asked.look.lines or ()
         found: dict[str, Line] = {}
         band = None
@@ -60,7 +61,7 @@ class Overlaid:
             return await self.crises.of(model)
         except ServiceError:
             raise
-        except RattleError:  # there is no crisis
+        except RattleError:  # the model has no crisis curve, or it was not found
             return None
 
     async def _limit(self, request: SurveyRequest, share: float) -> tuple[Line, Band]:
@@ -78,18 +79,18 @@ class Overlaid:
         window = inside(look.delta, look.epsilon)
         try:
             frame = await self.windows.finest(request, asked.variable, asked.index, window, pixels)
-        except SurveyError:  # it lies outside the plane, or is too narrow; the page shows the survey's cells there, too
+        except SurveyError:  # the window lies outside the plane, or is too narrow: the survey's own cells are drawn
             return None
         return Finer(frame.delta, frame.epsilon, drawn_numbers(frame.values))
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
-    """Return the line of a design limit (k, 2), NaN where there is none, from the result of `DesignLimits.along`."""
+    """Return the line (k, 2) of a design limit from the result of `DesignLimits.along`; NaN where there is no limit."""
     return np.column_stack([np.where(np.isnan(limits[0]), np.nan, delta), limits[0]])
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Return the dampings at which the interval is known, with its lower and its upper ends."""
+    """Return the dampings at which both ends of the limit's interval are known, and these ends."""
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

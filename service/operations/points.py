@@ -1,4 +1,7 @@
-"""Curves of a model and motions at a point as plain values. It imports the library only, so processes start fast."""
+"""Compute curves of a model and motions at a point as plain values for JSON.
+
+This module imports the library only, so that processes that compute start fast.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ Pair = tuple[float, float]
 
 @lru_cache(maxsize=64)
 def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
-    """Return curves and codimension-two points, the body of `GET /v1/curves`. Raises ParameterError."""
-    with np.errstate(all="ignore"):  # the search may overflow in extreme windows
+    """Return the body of `GET /v1/curves`: curves and codimension-two points. Raises ParameterError."""
+    with np.errstate(all="ignore"):  # the search may overflow in windows with extreme values
         return {
             "curves": [_curve(name, model, delta, epsilon) for name in model.curve_names],
             "points": [
@@ -60,7 +63,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
     """Return the body of `GET /v1/orbits` for a gear."""
     with np.errstate(all="ignore"):  # extreme parameters may overflow
         limits = model_at(gear).limits(gear.delta)
-        region = None if gear.parameters.harmonics else gear.region()  # regions are those of one cosine
+        region = None if gear.parameters.harmonics else gear.region()  # regions are defined for one harmonic only
         orbits = gear.orbits()
     return {
         "region": region,
@@ -88,7 +91,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
 def intensities(
     gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
 ) -> list[tuple[Attractor, Intensity]]:
-    """Return the attractors of a point, with the intensity of each."""
+    """Return each attractor of a point together with its intensity."""
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 
@@ -101,5 +104,5 @@ def _complex(value: complex) -> dict[str, float | None]:
 
 
 def json_number(value: float) -> float | None:
-    """Return a number for JSON; None for NaN and infinity, which occur where extreme parameters overflow."""
+    """Return a number that JSON can hold; None for NaN and infinity, which occur where extreme parameters overflow."""
     return float(value) if math.isfinite(value) else None

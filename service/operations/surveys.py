@@ -1,4 +1,4 @@
-"""Operations on surveys, for the routes and the explorer."""
+"""Submit, remove, describe and verify surveys, for the routes and the explorer."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, PopulationRequest
 from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
-MOST_NOTES = 10_000  # the most characters of notes
+MOST_NOTES = 10_000  # notes have at most this many characters
 LINES = "\t\n\r"
-JOINERS = "\u200c\u200d"  # scripts and emoji need them; other format characters would only hide something
+JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; all others could only hide something
 
 
 def _legible(text: str) -> str:
@@ -29,7 +29,7 @@ Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
 
 
 class Description(Strict):
-    """Name and notes of a survey; fields that are left out do not change."""
+    """The name and the notes of a survey. Fields that are left out do not change."""
 
     name: Name | None = None
     notes: Notes | None = None
@@ -38,7 +38,7 @@ class Description(Strict):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey or a population, or find an identical one.
+    """Accept a survey or a population, or return an identical one that exists.
 
     Returns
     -------
@@ -48,11 +48,11 @@ def submit_survey(
     Raises
     ------
     ConflictError, QueueFullError, QuotaError, UnauthorizedError
-        As `gear_rattle.service.database.Surveys.accept`.
+        See `gear_rattle.service.database.Surveys.accept`.
     LimitError
-        It exceeds the limits of this service.
+        The request exceeds a limit of this service.
     DirectoryAwayError
-        The directory for its store is away.
+        The data directory is missing.
     """
     check_limits(request, front.settings)
     front.directory.require()
@@ -76,7 +76,7 @@ def submit_survey(
 
 
 def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
-    """Dismiss a survey that waits or runs, or delete one that has ended.
+    """Dismiss a survey that waits or runs, or delete a survey that has ended.
 
     Returns
     -------
@@ -88,9 +88,9 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
     UnknownSurveyError
         There is no such survey.
     ForbiddenError
-        It was submitted with another key.
+        The survey was submitted with another key.
     ConflictError
-        Its last tiles still run.
+        The last tiles of the survey still run.
     """
     require_owner(front, caller, survey_id, kind)
     if not front.database.job(survey_id).is_readable:  # a survey with a damaged row counts as ended
@@ -99,7 +99,7 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
 
 
 def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
-    """Give a survey another name or other notes; its content and its store do not change.
+    """Give a survey another name or other notes. Its content and its store do not change.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Continue an ended or dismissed survey: compute its damaged or missing tiles.
+    """Queue a survey that has ended or was dismissed again, to compute its damaged or missing tiles.
 
     Returns
     -------
@@ -132,13 +132,13 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
     ForbiddenError
         It was submitted with another key.
     ConflictError, QueueFullError
-        As `gear_rattle.service.jobs.manager.JobManager.verify`.
+        See `gear_rattle.service.jobs.manager.JobManager.verify`.
     """
     require_owner(front, caller, survey_id, kind)
     return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
 
 
 def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
-    """Raise ForbiddenError unless the caller submitted this survey."""
+    """Raise ForbiddenError if the survey was submitted with another key than the caller's."""
     if not caller.owns(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")

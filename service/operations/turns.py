@@ -23,10 +23,11 @@ async def in_turn(
     what: str,
     advice: str,
 ) -> Result:
-    """Return the result of `compute` for these arguments, all of which can be pickled.
+    """Return `compute(*arguments)`, computed in another process. All arguments must be picklable.
 
-    It runs in a process of its own, because a compiled loop can neither be interrupted nor lets other threads run, and
-    takes minutes at extreme parameters. Its time is counted from when the kernels of the `model` are compiled.
+    A process of its own is needed because a compiled loop cannot be interrupted, keeps other threads waiting, and may
+    take minutes at extreme parameters. The time limit begins when the kernels of `model` are compiled. `what` names the
+    result in messages, in the plural or singular of "… were not found"; `advice` says how to need less time.
 
     Returns
     -------
@@ -38,17 +39,17 @@ async def in_turn(
     KernelsError
         The kernels are still being compiled.
     UnavailableError
-        Too many requests wait, it takes too long (the message names `what`, and the `advice`), or the process died.
+        Too many requests wait, the computation takes too long, or the process died.
     """
     limits = front.settings
     with front.interruptible():
         await front.kernels.require(model)
     if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
-        raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
+        raise UnavailableError("Too many parameter points wait to be computed. Try again in a few seconds.")
     try:
         with front.interruptible(), anyio.fail_after(limits.max_point_seconds):
             return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
     except TimeoutError as error:
         raise UnavailableError(f"{what} were not found within {limits.max_point_seconds:g} s. {advice}") from error
     except BrokenWorkerProcess as error:
-        raise UnavailableError("The process that computed this has died. Try again.") from error
+        raise UnavailableError("The process that computed this answer has died. Try again.") from error

@@ -1,6 +1,6 @@
-"""Windows finer than their survey, computed on the workers of the service in frames of increasing resolution.
+"""Compute windows at finer resolution than their survey, on the workers of the service, in finer and finer frames.
 
-The newest windows are kept for pictures of them.
+The newest windows are kept, because pictures of them may be requested.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined_frames, window_survey
 from gear_rattle.workers.pictures.look import Pair
 
-LOOK_SECONDS = 0.2
+LOOK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
 LEAST_DELTA = 1e-3  # least damping of a window, as a share of its upper end
-COARSEST = 3.0  # largest cell of a survey, in pixels, for which no finer window is computed
-KEPT, KEPT_CELLS = 8, 4_000_000  # the most windows kept, and the most cells of all of them
+COARSEST = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
+KEPT, KEPT_CELLS = 8, 4_000_000  # at most this many windows are kept, and at most this many cells in all of them
 
 Key = tuple[str, str, int, Window, tuple[int, int]]
 
@@ -52,7 +52,7 @@ class Windows:
     async def frames(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> AsyncGenerator[Frame, None]:
-        """Yield the frames of `refine_window`, and keep the last one."""
+        """Yield the frames of `refine_window`, and keep the last, complete frame."""
         async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
@@ -62,7 +62,7 @@ class Windows:
     async def finest(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """Return the last frame, from those kept or computed now. Raises as `refine_window`."""
+        """Return the last frame of `refine_window`, kept or computed now. Raises the errors of `refine_window`."""
         found = self._kept.get(self._key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
@@ -85,12 +85,12 @@ class Windows:
 async def refine_window(
     front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
 ) -> AsyncGenerator[Frame, None]:
-    """Compute a map of a window of the plane with about so many pixels (along δ, along ε), in finer and finer frames.
+    """Compute a map of a window of the plane in finer and finer frames. pixels: resolution along (delta, epsilon).
 
-    The values are those of the survey `workers.window_survey(request, window, pixels)`, to the bit; quantities in
-    closed form come at once at full resolution. A slow consumer gets the newest frame only. Closing the generator
-    (``aclose``, or cancelling the task) cancels parts that have not begun. At most `Settings.max_windows` are computed
-    at once.
+    The values are equal to the bit to those of the survey `workers.window_survey(request, window, pixels)`. Quantities
+    in closed form come at once at full resolution. A slow consumer gets only the newest frame. Closing the generator
+    (``aclose``, or cancelling the task) cancels parts that have not begun. At most `Settings.max_windows` windows are
+    computed at once.
 
     Yields
     ------
@@ -102,7 +102,7 @@ async def refine_window(
     SurveyError
         There is no such map or window, or it cannot be computed.
     ClusterLostError
-        The workers went away.
+        The workers were lost.
     UnavailableError
         There are no workers, or too many windows wait already.
     """
@@ -111,7 +111,7 @@ async def refine_window(
     while front.manager.cluster_state == STARTING:  # later steps notice a dead cluster
         await asyncio.sleep(LOOK_SECONDS)
     if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
-        raise UnavailableError("Too many windows are being computed. Try again in a few seconds.")
+        raise UnavailableError("Too many windows wait to be computed. Try again in a few seconds.")
     turn = object()
     await front.windows.acquire_on_behalf_of(turn)
     try:
@@ -126,7 +126,7 @@ async def refine_window(
 
 
 class _Refinement:
-    """A thread that waits for the workers, and passes frames to the event loop."""
+    """A thread that waits for frames from the workers, and passes them to the event loop."""
 
     def __init__(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
         self._loop = asyncio.get_running_loop()
@@ -140,7 +140,7 @@ class _Refinement:
         self._stopping.set()
 
     async def newest(self) -> Frame | None:
-        """Return the newest frame, or wait for the next one; None after the last. Raises errors of the thread."""
+        """Wait for a frame, and return the newest; None after the last frame. Raises the errors of the thread."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):

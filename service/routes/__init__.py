@@ -1,4 +1,4 @@
-"""Routes, a file for each group; :data:`ROUTERS` has all routers that need a key."""
+"""The routes of the REST service, a file for each group. :data:`ROUTERS` has all routers that need a key."""
 
 from fastapi import APIRouter
 

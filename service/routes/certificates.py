@@ -1,4 +1,4 @@
-"""Routes of the certificates of a survey that was submitted with `certify`: a document, and their store."""
+"""Serve the certificates of a survey that was submitted with `certify`: their numbers, and their store."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 
 class CertificateLinks(BaseModel):
-    """Paths of the certificates and their store."""
+    """Paths of a survey's certificates and their store."""
 
     self: str
     survey: str
     store: str = Field(description="for xr.open_zarr: attractor_certificate and attractor_certificate_radius")
-    certificates: str = Field(description="a certificate a line, with its cell and slot")
-    refused: str = Field(description="why the others are not proved, one a line")
+    certificates: str = Field(description="file with a certificate in each line, with its cell and slot")
+    refused: str = Field(description="file with a reason in each line, why an attractor is not proved")
 
 
 class Certificates(BaseModel):
-    """Number of periodic attractors that are proved so far."""
+    """The numbers of periodic attractors that have been proved, and that could not be proved."""
 
-    state: State = Field(description="of the survey: all attractors are done when it is successful")
+    state: State = Field(description="state of the survey; all attractors have been tried when it is successful")
     proved: int
-    refused: int = Field(description="not proved, which does not mean that they are false")
+    refused: int = Field(description="attractors that could not be proved, which does not mean that they do not exist")
     links: CertificateLinks
 
 
@@ -51,7 +51,7 @@ class Certificates(BaseModel):
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the numbers of proved and unproved attractors of a survey that was submitted with `certify`.
 
-    They grow once all tiles are computed.
+    The numbers are 0 until all tiles are computed, and grow afterwards.
     """
     job, out = _stored(front, survey_id)
     here = f"{path_of(survey_id)}/certificates"
@@ -80,7 +80,7 @@ async def read_certificates(
 ) -> Response:
     """Read a file of the store of certificates.
 
-    Lines of certificates appear as they are proved; the variables are complete when all attractors are done.
+    Certificates appear one by one as attractors are proved. The variables are complete when all have been tried.
     """
     job, out = await run_in_threadpool(_stored, front, survey_id)
     if not KEY.fullmatch(key):
@@ -98,7 +98,8 @@ def _stored(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
     job, store = front.stored(survey_id)
     if not job.is_readable or not job.request.get("certify"):
         raise MissingError(
-            f"Survey {survey_id} was submitted without certify. Submit it with it, or prove a copy: rattle certify."
+            f"Survey {survey_id} was submitted without certify. Submit it again with certify, or prove it with the "
+            "command rattle certify."
         )
     return job, certificates_of(store)
 

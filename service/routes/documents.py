@@ -1,4 +1,4 @@
-"""Documents of a survey, and fields that those of a population share with them."""
+"""The JSON documents of a survey, and the fields that a population's documents also have."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class Links(BaseModel):
 
 
 class Standing(BaseModel):
-    """Status of a job."""
+    """The status of a survey or a population."""
 
     id: str
     name: str
     state: State
-    progress: int = Field(ge=0, le=100, description="percent of the tiles done")
-    message: str = Field(description="why it failed or was dismissed; what it waits for; how far its certificates are")
+    progress: int = Field(ge=0, le=100, description="finished share of the tiles in per cent")
+    message: str = Field(description="why it failed or was dismissed, what it waits for, or how many proofs are tried")
     created: str
     started: str | None
     finished: str | None
-    content_hash: str = Field(description="of the request and of the code that computes it")
+    content_hash: str = Field(description="hash of the request and of the code that computes it")
     tiles_done: int
     tiles: int
     cells_done: int
@@ -56,7 +56,7 @@ class Survey(Standing):
 class SurveyDetail(Survey):
     """A survey with its request and the messages of its failed cells."""
 
-    request: dict[str, Any] = Field(description="empty if the job database holds none that can be read")
+    request: dict[str, Any] = Field(description="the request; empty if the job database has no readable one")
     failures: list[dict[str, Any]] = Field(description="the first 100 failed cells: indices and message")
 
     @classmethod
@@ -80,12 +80,12 @@ SurveyId = Annotated[
 
 
 def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
-    """Return the path of a survey or a population, under which its resources are."""
+    """Return the path of a survey or a population. The paths of its resources begin with it."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 
 def request_shown(job: JobRow) -> dict[str, Any]:
-    """Return the request; an empty object if the job database has no readable one."""
+    """Return the request of a job, or an empty object if the job database has no readable one."""
     return job.request if job.is_readable else {}
 
 
@@ -96,7 +96,7 @@ def _links(job: JobRow) -> Links:
 
 
 def status_fields(job: JobRow) -> dict[str, Any]:
-    """Return the fields of `Standing`, the status of a job."""
+    """Return the fields of `Standing` for a job."""
     state, message = job.shown
     return {
         "id": job.id,

@@ -1,4 +1,4 @@
-"""Download a survey as a file: NetCDF with everything, CSV and Parquet with a row per cell, attractor or orbit."""
+"""Download a survey as a file: NetCDF with everything, or CSV and Parquet with a row per cell, attractor or orbit."""
 
 from __future__ import annotations
 
@@ -28,9 +28,7 @@ NETCDF, CSV, PARQUET = "application/x-netcdf", "text/csv", "application/vnd.apac
 BLOCK = 1 << 18
 
 
-Formed = Annotated[
-    RowForm, Query(description="what a row is: a cell, or one of its attractors or orbits, with its cell")
-]
+Formed = Annotated[RowForm, Query(description="meaning of a row: a cell, or an attractor or an orbit of a cell")]
 
 
 def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
@@ -55,9 +53,9 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
     responses={**_binary(PARQUET), **declared(404, 422)},
 )
 async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
-    """Return the table of `download.csv` as Parquet, with the survey's attributes as its metadata.
+    """Return the table of `download.csv` as Parquet, with the survey's attributes as metadata of the file.
 
-    It needs the extra `parquet`; without it the answer is 404.
+    If the service was installed without the extra `parquet`, the answer is 404.
     """
     return await _file(request, front, survey_id, f"{form}.parquet", PARQUET, partial(_parquet, form=form))
 
@@ -69,7 +67,7 @@ async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form
     responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
 )
 async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
-    """Return a table with codes as numbers; a cell whose `status` is 0 is not computed yet."""
+    """Return a table. Codes are numbers. A cell with `status` 0 is not computed yet."""
     place, headers = await _of(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
@@ -126,7 +124,7 @@ def _parquet(place: Path | Bucket, form: RowForm) -> IO[bytes]:
         try:
             return write_parquet(dataset, form)
         except MissingExtraError as error:
-            raise MissingError(f"This service writes no Parquet. {error}") from error
+            raise MissingError(f"This service cannot write Parquet. {error}") from error
 
 
 def _blocks(file: IO[bytes]) -> Iterator[bytes]:
@@ -138,7 +136,8 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 def _lines(place: Path | Bucket, form: RowForm) -> Iterator[str]:
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
 
-    dataset = open_survey(place, as_stored=True)  # before the answer begins, so that errors become problem documents
+    # The survey is opened before the answer begins, so that errors become problem documents.
+    dataset = open_survey(place, as_stored=True)
     try:
         require_readable(dataset, table_names(dataset, form))
     except BaseException:

@@ -1,4 +1,4 @@
-"""Stream events of a survey, as server-sent events."""
+"""Stream the events of a survey as server-sent events."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from gear_rattle.service.web.problems import declared
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
-LARGEST_ID = 2**53
-SEND_SECONDS = 30
-GRACE_SECONDS = 2.0
+LARGEST_ID = 2**53  # largest accepted id of an event
+SEND_SECONDS = 30  # a stream ends if its client takes longer to accept an event
+GRACE_SECONDS = 2.0  # seconds that a stream has to end when the service stops
 #: Schema of an event of the stream.
 EVENT = {
     "type": "object",
@@ -63,7 +63,7 @@ async def follow(
 
 
 async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the stream of events of a survey or a population."""
+    """Return the event stream of a survey or a population, after the event `last_event_id`."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)
@@ -80,7 +80,7 @@ async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, la
 
 
 class _Stream(EventSourceResponse):
-    """A stream that ends once its caller is no longer authorised, even while a client does not read."""
+    """A stream that ends when its caller is no longer authorised, even if the client does not read it."""
 
     def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -113,7 +113,7 @@ async def _events(front: Front, survey_id: str, seen: int, last: int, closing: a
                 else:
                     await grown.wait()
         except UnknownSurveyError:
-            return  # deleted
+            return  # the survey has been deleted
         finally:
             waker.cancel()
 

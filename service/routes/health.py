@@ -16,18 +16,18 @@ WARMING = "warming"
 
 
 class Health(BaseModel):
-    """State of the service."""
+    """The state of the service."""
 
     status: str = Field(description="ok; warming: kernels are being compiled; degraded: surveys are accepted, but wait")
     version: str
-    cluster: str | None = Field(description="ready, starting, or why it is not there; null without a key")
+    cluster: str | None = Field(description="ready, starting, or why there is no cluster; null without a key")
     storage: str | None = Field(description="ok, or why nothing can be stored now; null without a key")
-    accepted: int | None = Field(description="surveys that wait; null without a key, or without the job database")
-    running: int | None = Field(description="surveys at work; null as `accepted`")
+    accepted: int | None = Field(description="number of waiting surveys; null without a key or job database")
+    running: int | None = Field(description="number of running surveys; null without a key or job database")
 
 
 class Ready(BaseModel):
-    """The service can do its work now."""
+    """The answer of a service that can compute surveys now."""
 
     status: str = Field(description="ready")
 
@@ -58,7 +58,7 @@ def _status(front: Front, storage: str) -> str:
 
 @router.get("/health", summary="State of the service")
 def health(front: FrontState, request: Request) -> Health:
-    """Return the state of the service. No key is needed; with one the answer has more fields.
+    """Return the state of the service. No key is needed; with a key the answer has more fields.
 
     The status is 503 if the job database does not answer.
     """
@@ -81,10 +81,10 @@ def health(front: FrontState, request: Request) -> Health:
 
 @router.get("/ready", summary="Whether the service can do its work now")
 def ready(front: FrontState) -> Ready:
-    """Answer 200 once the service can work; no key is needed.
+    """Answer 200 if the service can compute surveys now. No key is needed.
 
-    The status is 503 with Retry-After until kernels are compiled and workers are there, and while nothing can be
-    stored. Load balancers and waiting scripts use it.
+    The status is 503 with Retry-After until kernels are compiled and workers have connected, and while nothing can be
+    stored. Load balancers and scripts that wait for the service use this route.
     """
     if front.kernels.at_work:
         raise KernelsError

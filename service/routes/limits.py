@@ -1,4 +1,4 @@
-"""Design limits of one number of a gear."""
+"""Compute the design limit of one number of a gear."""
 
 from __future__ import annotations
 
@@ -59,22 +59,22 @@ def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 
 Wanted = Annotated[Named | OfOrder, WrapValidator(_one_of_both)]
 WANTED = (
-    "number to limit, which need not be given itself. harmonic_12 is the amplitude of order 12 over that of the first, "
-    "error_12 that of a machine in m"
+    "number to limit, which need not be given itself. harmonic_12 is the amplitude of order 12 divided by that of the "
+    "first order, error_12 the amplitude of order 12 of a machine's transmission error in m"
 )
 
 
 class LimitDocument(BaseModel):
-    """A limit with its 95 % interval, in the unit of the number; null if it is not in the searched range."""
+    """A limit and its 95 % interval, in the unit of the number; null for values outside the searched range."""
 
-    at: float | None = Field(description="of the number that it is a curve over; null without one")
+    at: float | None = Field(description="value of the number `over`; null without `over`")
     value: float | None
     low: float | None
     high: float | None
 
 
 class LimitsDocument(BaseModel):
-    """Limits up to which gears run quietly with a probability of at least `share`."""
+    """The limits up to which gears run quietly with a probability of at least `share`."""
 
     of: Wanted
     share: float
@@ -96,7 +96,7 @@ async def numbers_of_query(
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
-    """Return the given numbers of the query."""
+    """Return the numbers of a gear that the query gives, by name."""
     numbers = {**locals(), **more}
     del numbers["more"]
     return {name: value for name, value in numbers.items() if value is not None}
@@ -126,14 +126,14 @@ async def limits(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> LimitsDocument:
-    """Return the limit on whose safe side a gear runs quietly everywhere with at least this probability.
+    """Return the value of a number up to which a gear runs quietly with at least the probability `share`.
 
-    It is the largest eccentricity, mesh error, backlash, restitution or speed, or the least damping, drag or load; for
-    a machine in metres, rpm and N m.
+    The limit is the largest allowed eccentricity, mesh error, backlash, restitution or speed, or the least allowed
+    damping, drag or load. For a machine it is in metres, rpm or N m.
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("give over with values, and low with high, or neither of both")
+        raise ParameterError("over and values belong together, and so do low and high: give both, or neither of both")
     between = None if low is None or high is None else (low, high)
     found = await in_turn(
         front,
@@ -141,7 +141,7 @@ async def limits(
         *(given, of, share, over, values, between, count, seed, budget),
         model=model_of_numbers(given).name,
         what="The limits",
-        advice="Ask for fewer initial conditions (count), fewer values, or use the command rattle limit.",
+        advice="Request fewer initial conditions (count) or fewer values, or use the command rattle limit.",
     )
     at: list[float | None] = [*values] if values else [None]
     return LimitsDocument(
@@ -160,7 +160,7 @@ def found_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """Return the requested limits."""
+    """Compute the requested limits: one, or one for each of `values`."""
     asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
         return [design_limit(given, of, share, **asked)]

@@ -1,4 +1,4 @@
-"""Metrics for Prometheus."""
+"""Serve metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ router = APIRouter(prefix="/v1", tags=["service"])
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **declared()},
 )
 def metrics(front: FrontState) -> Response:
-    """Return the metrics. Where keys are needed, a key with the scope read is enough."""
+    """Return the metrics. If the service needs keys, a key with the scope read suffices."""
     return Response(front.metrics.exposition(), headers={"Content-Type": CONTENT_TYPE_LATEST})

@@ -1,4 +1,4 @@
-"""Pictures of a survey, finished or not."""
+"""Draw maps of a survey, finished or not."""
 
 from __future__ import annotations
 
@@ -36,17 +36,18 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 PNG, SVG, PDF = "image/png", "image/svg+xml", "application/pdf"
 MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
-NARROWEST = 1e-10  # least width of a window, relative to its end farthest from 0: ticks need distinct labels
-FARTHEST = 1e100  # largest end of a window or of the colours' range
-LONGEST_LINES = 200
+#: Least width of a window, relative to its end farthest from 0, so that the labels of its ticks differ.
+NARROWEST = 1e-10
+FARTHEST = 1e100  # ends of windows and of the colours' range are at most this large
+LONGEST_LINES = 200  # the most characters of `lines`
 MOST_CELLS = 4_000_000  # the most pixels of a window
-LOOK_SECONDS = 1.0
+LOOK_SECONDS = 1.0  # seconds between two checks whether the client has disconnected
 
 T = TypeVar("T")
 
 Bound = Annotated[
     float | None,
-    Query(ge=-FARTHEST, le=FARTHEST, description="of the window; by default the whole survey"),
+    Query(ge=-FARTHEST, le=FARTHEST, description="an end of the window; by default the whole survey is drawn"),
 ]
 Colour = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of the colours' range")]
 
@@ -57,25 +58,29 @@ async def look_of_query(
     epsilon_min: Bound = None,
     epsilon_max: Bound = None,
     span: Annotated[
-        Span, Query(description="of the colours: as usual, the middle 96 % of the values, or all of them")
+        Span,
+        Query(description="range of the colours: auto: the usual; robust: the middle 96 % of the values; full: all"),
     ] = "auto",
     low: Colour = None,
     high: Colour = None,
-    log: Annotated[bool, Query(description="colours evenly in the logarithm")] = False,
+    log: Annotated[bool, Query(description="logarithmic colours")] = False,
     lines: Annotated[
         str | None,
-        Query(max_length=LONGEST_LINES, description=f"of {', '.join(LINES)}, with commas; by default as usual"),
+        Query(
+            max_length=LONGEST_LINES,
+            description=f"lines to draw, separated by commas: {', '.join(LINES)}; by default those of the variable",
+        ),
     ] = None,
     family: Annotated[
-        int | None, Query(ge=0, le=10**9, description="by its number: cells in which it is not are dimmed")
+        int | None, Query(ge=0, le=10**9, description="number of a family; cells without it are dimmed")
     ] = None,
 ) -> Look:
-    """Return the options of the picture in the query. Raises LimitError."""
+    """Return the options of the picture that the query names. Raises LimitError."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
-        raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose of {', '.join(LINES)}.")
+        raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
     if log and low is not None and 0 < low < 1 / FARTHEST:
-        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g} for colours in the logarithm.")
+        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g} for logarithmic colours.")
     return Look(
         _range("delta", delta_min, delta_max),
         _range("epsilon", epsilon_min, epsilon_max),
@@ -87,33 +92,35 @@ async def look_of_query(
 
 
 def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
-    """Return both ends of a range, None without any. Raises LimitError for one end alone, or for an empty range."""
+    """Return both ends of a range, or None if neither is given. Raises LimitError for one end, or an empty range."""
     first, last = ends or (f"{name}_min", f"{name}_max")
     both = _both(first, low, last, high)
     if both is None:
         return None
     low, high = both
     if not high - low > max(NARROWEST * max(abs(low), abs(high)), 1 / FARTHEST):
-        raise LimitError(f"query.{first}", f"{first} must be less than {last}, by a part in 1e10 at least.")
+        raise LimitError(f"query.{first}", f"{first} must be less than {last}, by at least 1e-10 of the larger one.")
     return both
 
 
 def _both(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] | None:
-    """Return two parameters that belong together, None without both. Raises LimitError for one alone."""
+    """Return two parameters that belong together, or None if neither is given. Raises LimitError if one is missing."""
     if one is None and other is None:
         return None
     if one is None or other is None:
-        raise LimitError(f"query.{first if one is None else last}", f"give both {first} and {last}, or none.")
+        raise LimitError(
+            f"query.{first if one is None else last}", f"give both {first} and {last}, or neither of both."
+        )
     return one, other
 
 
-Index = Annotated[int, Query(ge=0, le=64, description="which orbit, slot of attractors, or family")]
+Index = Annotated[int, Query(ge=0, le=64, description="number of the orbit, slot of attractors, or family")]
 Pixels = Annotated[
     int | None,
     Query(
         ge=2, le=MOST_PIXELS,
-        description="along this axis: where cells of the survey would be larger than three of so many, the window is "
-        "computed afresh, about one cell each, which takes as long as such a survey does",
+        description="resolution along this axis. If a cell of the survey is larger than three pixels, the window is "
+        "computed anew with about one cell per pixel, which takes as long as a survey of this size",
     ),
 ]  # fmt: skip
 
@@ -123,19 +130,24 @@ async def asked_for(
     variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
     index: Index = 0,
     slice_: Annotated[
-        int | None, Query(alias="slice", ge=0, lt=MAX_SLICES, description="of a survey with a third axis, from 0")
+        int | None,
+        Query(alias="slice", ge=0, lt=MAX_SLICES, description="number of the slice along a third axis, from 0"),
     ] = None,
     share: Annotated[
-        float, Query(ge=0.01, le=MOST_SHARE, description="of the line design_limit: the least P(quiet)")
+        float,
+        Query(ge=0.01, le=MOST_SHARE, description="required probability of quiet running for the line design_limit"),
     ] = USUAL_SHARE,
     pixels_delta: Pixels = None,
     pixels_epsilon: Pixels = None,
-    caption: Annotated[bool, Query(description="say below which survey it is, its address, and the version")] = False,
+    caption: Annotated[bool, Query(description="name the survey, its address and the version below the map")] = False,
 ) -> Asked:
-    """Return the requested map of the query. Raises LimitError."""
+    """Return the picture that the query asks for. Raises LimitError."""
     pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
-        raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")
+        raise LimitError(
+            "query.pixels_delta",
+            f"a window may have at most {MOST_CELLS:,} pixels: lower pixels_delta or pixels_epsilon.",
+        )
     return Asked(variable, index, slice_, look, share, pixels, caption)
 
 
@@ -153,7 +165,7 @@ def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, An
     responses=_answers(PNG, {"type": "string", "format": "binary"}),
 )
 async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
-    """Draw a map; failed cells and cells still to be computed have colours of their own."""
+    """Draw a map. Failed cells, and cells that are not computed yet, have colours of their own."""
     return await _answer(request, front, survey_id, asked, "png", PNG)
 
 
@@ -198,7 +210,7 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
 
 
 async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Over:
-    """Return the overlays, which are computed before the map is drawn. Raises SurveyError, or UnavailableError."""
+    """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
@@ -207,7 +219,7 @@ async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> 
 
 
 async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
-    """Return the overlays, unless the client has left."""
+    """Return the overlays. Stop computing them, and raise UnavailableError, if the client disconnects."""
     task = asyncio.ensure_future(finding)
     try:
         while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:

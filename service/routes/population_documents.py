@@ -1,4 +1,4 @@
-"""Documents of a population."""
+"""The JSON documents of a population."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PopulationDocument(Standing):
 class PopulationDetail(PopulationDocument):
     """A population with its request and the messages of its failed gears."""
 
-    request: dict[str, Any] = Field(description="empty if the job database holds none that can be read")
+    request: dict[str, Any] = Field(description="the request; empty if the job database has no readable one")
     failures: list[dict[str, Any]] = Field(description="the first 100 failed gears: row and message")
 
     @classmethod
@@ -53,7 +53,7 @@ class PopulationList(BaseModel):
 
 
 class EstimateDocument(BaseModel):
-    """Cost of a population once it runs."""
+    """The estimated cost of a population once it runs."""
 
     seconds: float
     workers: int
@@ -86,11 +86,11 @@ class WorstDocument(BaseModel):
     row: int
     numbers: dict[str, float]
     quiet: float = Field(description="share of quiet runs")
-    energy: float | None = Field(description="mean energy per revolution; of a machine W")
+    energy: float | None = Field(description="mean energy per revolution; for a machine the mean power in W")
 
 
 class Answers(BaseModel):
-    """Answers of a population, with 95 % intervals."""
+    """The answers about a population, with 95 % intervals."""
 
     gears: int
     count: int
@@ -98,15 +98,19 @@ class Answers(BaseModel):
     undecided: float = Field(description="share of undecided samples")
     passing: Interval | None = Field(description="yield: share of gears that pass; null if it was not requested")
     intensity: dict[str, Interval] | None = Field(
-        description="quantiles of Σv²/2 per revolution, of a machine of the power in W; null if nothing is decided"
+        description="quantiles of Σv²/2 per revolution, for a machine of the power in W; null if all are undecided"
     )
-    quiet_indices: dict[str, IndexDocument] | None = Field(description="of the share of quiet runs; null if unknown")
-    energy_indices: dict[str, IndexDocument] | None = Field(description="of the mean energy; null if unknown")
+    quiet_indices: dict[str, IndexDocument] | None = Field(
+        description="Sobol indices of the share of quiet runs; null if unknown"
+    )
+    energy_indices: dict[str, IndexDocument] | None = Field(
+        description="Sobol indices of the mean energy; null if unknown"
+    )
     worst: list[WorstDocument]
 
 
 def answers_document(found: Population) -> Answers:
-    """Return the answers of a population as a document."""
+    """Return the document with the answers about a population."""
     intensity = {} if found.undecided == 1.0 else found.intensity()
     return Answers(
         gears=found.plan.gears,
@@ -124,7 +128,7 @@ def answers_document(found: Population) -> Answers:
 def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
     try:
         indices = found.indices(of)
-    except RattleError:  # the gears differ no more than samples of one gear
+    except RattleError:  # the gears differ no more than samples of a single gear would
         return None
     return {
         name: IndexDocument(first=Interval.of(each.first), total=Interval.of(each.total))

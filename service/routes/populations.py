@@ -1,4 +1,4 @@
-"""Submit, list, show and remove populations of gears, and return their answers."""
+"""Submit, list, show and remove populations of gears, and return the answers about them."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ def submit_population(
     response: Response,
     body: PopulationBody,
     idempotency_key: IdempotencyKey = None,
-    force: Annotated[bool, Query(description="compute it although an identical population is there")] = False,
+    force: Annotated[bool, Query(description="compute it although an identical population exists")] = False,
 ) -> PopulationDetail:
-    """Accept a population, which is computed in the background like a survey.
+    """Accept a population. It is computed in the background, like a survey.
 
     `POST /v1/surveys` describes the answers to identical requests and to idempotency keys.
     """
@@ -86,7 +86,7 @@ def submit_population(
     responses=declared(415, 422),
 )
 async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
-    """Return the cost in seconds, measured on a few of its gears."""
+    """Return the cost of a population in seconds, measured on a few of its gears."""
     found = await estimate(front, body)
     return EstimateDocument(seconds=found.seconds, workers=found.workers, basis=found.basis)
 
@@ -116,7 +116,7 @@ def list_populations(
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
 def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
-    """Show a population."""
+    """Return the status and the request of a population."""
     job = front.database.job(population_id, KIND)
     return json_answer(request, _detail(front, job), job.finished)
 
@@ -130,7 +130,7 @@ def show_population(request: Request, front: FrontState, population_id: Populati
 def verify_population(
     front: FrontState, caller: CallerState, response: Response, population_id: PopulationId
 ) -> PopulationDetail:
-    """Verify a population, as `POST /v1/surveys/{survey_id}/verify`."""
+    """Verify a population, as `POST /v1/surveys/{survey_id}/verify` does for a survey."""
     job = verify_survey(front, caller, population_id, KIND)
     response.headers["Location"] = path_of(job.id, KIND)
     response.headers["Retry-After"] = RETRY_SECONDS
@@ -146,7 +146,7 @@ def verify_population(
 def remove_population(
     front: FrontState, caller: CallerState, population_id: PopulationId
 ) -> Response | PopulationDetail:
-    """Remove a population, as `DELETE /v1/surveys/{survey_id}`."""
+    """Remove a population, as `DELETE /v1/surveys/{survey_id}` does for a survey."""
     dismissed = remove_survey(front, caller, population_id, KIND)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
 
@@ -165,7 +165,7 @@ async def follow_population(
         int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
     ] = 0,
 ) -> Response:
-    """Follow a population, as `GET /v1/surveys/{survey_id}/events`."""
+    """Stream the events of a population, as `GET /v1/surveys/{survey_id}/events` does for a survey."""
     return await stream(front, caller, population_id, KIND, last_event_id)
 
 
@@ -181,9 +181,9 @@ async def read_population(
     key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "energy/c/0/0"])],
     request: Request,
 ) -> Response:
-    """Read a file of a population's store, whose variables are over `gear`.
+    """Read a file of a population's store, as `GET /v1/surveys/{survey_id}/store/{key}` does for a survey.
 
-    Otherwise it answers as `GET /v1/surveys/{survey_id}/store/{key}` does.
+    The variables of the store have the dimension `gear`.
     """
     return await stored_file(front, population_id, KIND, key, request)
 
@@ -198,7 +198,9 @@ async def answers(request: Request, front: FrontState, population_id: Population
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, place = await run_in_threadpool(front.stored, population_id, KIND)
     if job.state != State.SUCCESSFUL:
-        raise MissingError(f"Population {population_id} is {job.state}, and answers come with its last gear.")
+        raise MissingError(
+            f"Population {population_id} is {job.state}: its answers can be read when it is successful. Try again then."
+        )
     headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)

@@ -1,4 +1,4 @@
-"""Serve the zarr store of a survey, read-only, for ``xr.open_zarr("http://…/v1/surveys/{id}/store")``."""
+"""Serve the files of a survey's zarr store, for ``xr.open_zarr("http://…/v1/surveys/{id}/store")``."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from gear_rattle.workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-# Names of zarr's groups, arrays and chunks: no dot files, no parents, no empty segments.
+# Pattern of a segment of a key: names of groups, arrays and chunks, but no dot files and no "..".
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
-NOT_THERE = (401, 404)  # StaticFiles answers 401 for a file without permission
+NOT_THERE = (401, 404)  # statuses of StaticFiles for a file that does not exist, or that it may not read
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
-#: Responses for the files of a store.
+#: OpenAPI declaration of the responses with files of a store.
 FILES: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {
@@ -62,14 +62,14 @@ async def read(
 ) -> Response:
     """Read a file of a store.
 
-    A chunk that is not computed yet has no file: the answer is 404, which zarr reads as fill values. If a chunk was
-    computed but cannot be read, the answer is 503, and POST …/verify computes it again.
+    For a chunk that is not computed yet the answer is 404, which zarr reads as fill values. If a chunk was computed but
+    cannot be read, the answer is 503; POST …/verify computes it again.
     """
     return await stored_file(front, survey_id, JobKind.SURVEY, key, request)
 
 
 async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
-    """Return the file of this key in the store of a survey or a population."""
+    """Return the file with this key in the store of a survey or a population."""
     job, store = await run_in_threadpool(front.stored, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
@@ -82,11 +82,11 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
         if not await run_in_threadpool(is_owed, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await file_at(store, key, request, unchanging)  # it may have been written meanwhile
+            response = await file_at(store, key, request, unchanging)  # the file may have been written just now
         except (HTTPException, OSError):
             raise DamageError(
-                f"{key} of {kind} {survey_id} was computed and cannot be read now. "
-                f"POST {path_of(survey_id, kind)}/verify computes again what is damaged or lost."
+                f"{key} of {kind} {survey_id} was computed but cannot be read now. "
+                f"POST {path_of(survey_id, kind)}/verify computes damaged or lost files again."
             ) from error
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"
@@ -95,7 +95,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
 
 
 async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
-    """Return the file of this key. Raises HTTPException or OSError if there is none."""
+    """Return the file with this key. Raises HTTPException or OSError if there is no such file."""
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
@@ -103,5 +103,5 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unch
 
 
 def _by_tag_only(scope: Scope) -> Scope:
-    """Return the scope without If-Modified-Since, whose resolution is a second: files may change twice in one."""
+    """Return the scope without If-Modified-Since, because a file may change twice within its resolution of a second."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

@@ -33,12 +33,12 @@ RETRY_SECONDS = "1"
 
 IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
 Cursor = Annotated[
-    int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; left out for the first page")
+    int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the previous page; left out for the first page")
 ]
 
 
 def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Set the location of a submitted job in the response: status 200 if it has ended, else Retry-After."""
+    """Set the Location of a submitted job in the response, and status 200 if the job has ended, else Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).final:
         response.status_code = 200
@@ -47,7 +47,7 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
 
 
 def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
-    """Return one page of a list, newest first, the number of all entries, and the cursor of the next page."""
+    """Return a page of the list of jobs, newest first, the number of all jobs, and the cursor of the next page."""
     jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
     page = jobs[:limit]
     return page, count, str(page[-1].number) if len(jobs) > limit else None
@@ -59,7 +59,7 @@ def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
 
 
 async def require_json(request: Request) -> None:
-    """Refuse a body whose media type is not JSON."""
+    """Raise HTTPException if the media type of the body is not JSON."""
     declared_type = Message()
     declared_type["content-type"] = request.headers.get("content-type", "")
     subtype = declared_type.get_content_subtype()
@@ -85,16 +85,18 @@ def submit(
     response: Response,
     body: Annotated[SurveyRequest, Body(examples=[examples.REQUEST, examples.THIRD_AXIS, examples.INELASTIC])],
     idempotency_key: IdempotencyKey = None,
-    force: Annotated[bool, Query(description="compute it although an identical survey is there")] = False,
+    force: Annotated[bool, Query(description="compute it although an identical survey exists")] = False,
 ) -> SurveyDetail:
-    """Accept a survey and compute it in the background, or answer with an existing one.
+    """Accept a survey and compute it in the background, or answer with an existing identical survey.
 
-    Surveys are identical if everything that decides their numbers is the same, the code included; names may differ. For
-    an identical successful survey, of anybody, the answer is 200 at once; for one of yours that waits or runs it is
-    202. Failed and dismissed ones are computed again from the beginning, as a new survey.
+    Surveys are identical if everything that determines their numbers is the same, including the code; names may differ.
+    If anybody's identical survey is successful, the answer is that survey with status 200. If your identical survey
+    waits or runs, the answer is that survey with status 202. If an identical survey has failed or was dismissed, a new
+    survey is computed from the beginning.
 
-    The same body with the same `Idempotency-Key` again gets the survey of the first answer, with or without `force`,
-    for as long as that survey exists. A survey remembers the key that created it, and the latest 100 others.
+    If the same body is sent again with the same `Idempotency-Key`, the answer is the survey of the first answer, with
+    or without `force`, as long as that survey exists. A survey remembers the key that created it, and the latest 100
+    other keys.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     tell_of_acceptance(response, job, JobKind.SURVEY)
@@ -126,9 +128,10 @@ def list_surveys(
     responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Show a survey."""
+    """Return the status and the request of a survey."""
     job = front.database.job(survey_id, JobKind.SURVEY)
-    is_as_submitted = not job.notes and job.name == request_shown(job).get("name")  # names change at any time
+    # Last-Modified is only known if nobody has changed the name or the notes.
+    is_as_submitted = not job.notes and job.name == request_shown(job).get("name")
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 
 
@@ -139,9 +142,9 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declared(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """Run a survey again that was successful, dismissed, or failed and may succeed now.
+    """Queue a survey again that was successful, was dismissed, or failed and may succeed now.
 
-    Every chunk has a checksum: whole chunks are kept, and stay readable.
+    All chunks are compared with their checksums. Undamaged chunks are kept, and can be read all the time.
     """
     job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)
@@ -161,10 +164,10 @@ def describe(
     survey_id: SurveyId,
     body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
 ) -> SurveyDetail:
-    """Give a survey another name or notes at any time, with the key that submitted it.
+    """Give a survey another name or other notes. This needs the key that submitted the survey.
 
-    Fields that are left out do not change. The store keeps the name of the submission, and names do not matter for
-    whether surveys are identical.
+    Fields that are left out do not change. The store keeps the name of the submission. Surveys with different names can
+    be identical.
     """
     return _detail(front, describe_survey(front, caller, survey_id, body))
 
@@ -176,10 +179,10 @@ def describe(
     responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
 )
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
-    """Dismiss a survey that waits or runs, or delete one that has ended.
+    """Dismiss a survey that waits or runs, or delete a survey that has ended.
 
-    A dismissed survey keeps its computed tiles until a second DELETE deletes it. Every key may read every survey; only
-    the key that submitted a survey may remove it.
+    A dismissed survey keeps its computed tiles until a second DELETE deletes it. Every key may read every survey, but
+    only the key that submitted a survey may remove it.
     """
     dismissed = remove_survey(front, caller, survey_id)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)

@@ -1,1 +1,1 @@
-"""Common processing of all HTTP answers."""
+"""The processing that all HTTP requests and answers pass through."""

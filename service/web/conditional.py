@@ -1,4 +1,4 @@
-"""Conditional requests (RFC 9110): a client does not get again what it already has."""
+"""Conditional requests (RFC 9110): status 304 replaces an answer that the client already has."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gear_rattle.workers.survey.version import code_version
 
-#: Clients ask again each time, and get 304 if nothing has changed.
+#: Cache-Control: the client must ask each time whether its copy is still valid, and gets 304 if it is.
 REVALIDATE = "no-cache"
-#: For answers that change rarely: those that depend on the query and the code alone, and the store of a successful
-#: survey, which changes when damage is repaired.
+#: Cache-Control of answers that change rarely: answers that depend on the query and the code only, and files of a
+#: successful survey, which change only when damage is repaired.
 HOUR = "max-age=3600"
 
 NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
-    304: {"description": "the client's copy, by If-None-Match, is still valid"}
+    304: {"description": "the client's copy, which If-None-Match names, is still valid"}
 }
 
 
-#: Headers of an answer that its 304 keeps.
+#: Headers of an answer that a 304 in its place keeps.
 OF_UNCHANGED = frozenset({"etag", "cache-control", "last-modified", "expires", "vary", "content-location", "date"})
 
 
 class AnyTagMiddleware:
-    """Answers `If-None-Match: *` with 304 where the answer would have an ETag, since only then the resource exists."""
+    """Answers `If-None-Match: *` with 304 if the full answer would have an ETag: only then the resource exists."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -64,17 +64,17 @@ class AnyTagMiddleware:
 
 
 def json_answer(request: Request, document: BaseModel, modified: str | None = None) -> Response:
-    """Return a document with the hash of its bytes as ETag, or 304.
+    """Return a document with the hash of its bytes as ETag; or status 304 if the client already has it.
 
     Parameters
     ----------
     modified : str | None
-        Time of the last change, ISO 8601; None if it may change more than once a second.
+        Time of the last change, ISO 8601; None if the document may change more than once in a second.
 
     Returns
     -------
     Response
-        With ETag and Cache-Control, and Last-Modified if it is given.
+        The response, with the headers ETag and Cache-Control, and with Last-Modified if `modified` is given.
     """
     body = document.model_dump_json().encode()
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
@@ -86,7 +86,7 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
 
 
 async def function_of_query(request: Request, response: Response) -> None:
-    """Set the ETag of routes that depend on the query and the code alone, or raise HTTPException 304."""
+    """Set the ETag of a route whose answer depends on the query and the code only, or raise HTTPException 304."""
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
     if is_known(request, headers):
@@ -95,12 +95,12 @@ async def function_of_query(request: Request, response: Response) -> None:
 
 
 def picture_tag(*parts: object) -> str:
-    """Return a weak ETag: pictures with the same one show the same, except perhaps for a further tile."""
+    """Return a weak ETag. Pictures with the same ETag are the same, except that one may show a further tile."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
 def is_known(request: Request, headers: Mapping[str, str]) -> bool:
-    """Return whether the client already has the representation with these headers."""
+    """Return whether the client already has the answer with these headers (ETag and perhaps Last-Modified)."""
     if (tags := request.headers.get("if-none-match")) is not None:
         return _opaque(headers["ETag"]) in {_opaque(tag) for tag in tags.split(",")}
     try:
@@ -120,6 +120,6 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Return a hash of the code that computes answers, and of the code that writes them."""
+    """Return a hash of all code that determines answers: the library, surveys, and this package."""
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

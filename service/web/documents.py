@@ -1,4 +1,4 @@
-"""The documents at /help: the site of `make docs` if it is installed, else their Markdown as pages."""
+"""Serve the documents at /help: the site that `make docs` builds if it is installed, else their Markdown as pages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
 FIRST = "index.md"
-#: A list of pages, which only Sphinx turns into links.
+#: A list of pages in Markdown for Sphinx; here it is replaced by links.
 TOCTREE = re.compile(r"^```\{toctree\}\n:hidden:\n:caption: ([^\n]*)\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -37,14 +37,14 @@ img {{ max-width: 100% }} td, th {{ border: 1px solid #8888; padding: .2rem .5re
 
 
 def documents_of(site: Path, sources: Path) -> ASGIApp | None:
-    """Return an application for the site, or else for Markdown files; None if neither exists."""
+    """Return an application that serves the site, or else the Markdown files; None if neither exists."""
     if (site / "index.html").is_file():
         return StaticFiles(directory=site, html=True)
     return next((_pages_of(each.resolve()) for each in (site, sources) if (each / FIRST).is_file()), None)
 
 
 def _pages_of(directory: Path) -> Router:
-    """Return an application for the Markdown files of a directory as HTML, and for its other files."""
+    """Return an application that serves the Markdown files of a directory as HTML, and its other files."""
     documents = {f"/{each.relative_to(directory).as_posix()}": each for each in directory.rglob("*.md")}
 
     def shown(document: Path) -> Callable[[Request], HTMLResponse]:
@@ -55,14 +55,14 @@ def _pages_of(directory: Path) -> Router:
 
 
 def document_page(document: Path) -> str:
-    """Return a document as an HTML page."""
+    """Convert a Markdown document to an HTML page."""
     text = document.read_text(encoding="utf-8")
     title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")
     return PAGE.format(title=escape(title), root=public_path(""), body=document_body(document))
 
 
 def document_body(document: Path) -> str:
-    """Return a document as HTML, without a page around it."""
+    """Convert a Markdown document to HTML for the body of a page."""
 
     def linked(tree: re.Match[str]) -> str:
         names = (name for name in tree[2].split() if (document.parent / f"{name}.md").is_file())

@@ -1,4 +1,4 @@
-"""Examples of the OpenAPI document. Tests execute the requests and compare the answers."""
+"""Examples for the OpenAPI document. Tests send these requests and compare the answers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ THIRD_AXIS: dict[str, Any] = {
     "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
 }
 
-#: Impacts that lose energy, a load, and an error once a tooth of twenty.
+#: A survey with impacts that lose energy, a load, and a transmission error once a tooth (20 teeth).
 INELASTIC: dict[str, Any] = {
     "name": "figure 7 with losses and a mesh error",
     "model": "inelastic",
@@ -253,7 +253,7 @@ PROBLEM: dict[str, Any] = {
     "errors": [{"field": "body.delta.num", "message": "must be at least 2, got 1"}],
 }
 
-#: Examples by the name of the model.
+#: By name of a document's class: an example.
 ANSWERS = {
     "SurveyDetail": DETAIL,
     "SurveyList": LIST,
@@ -268,7 +268,7 @@ ANSWERS = {
 
 
 def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations, with parameters that all of them take from the answer."""
+    """Return OpenAPI links to operations. parameters: for each parameter of theirs, its path in the answer."""
     further = {"read": {"key": "zarr.json"}}
     return {
         name: {
@@ -280,7 +280,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return links to operations at one point, whose coordinates are where `parts` say, or fields of the answer."""
+    """Return OpenAPI links to operations at a point. parts: paths of its numbers in the answer, if not the names."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

@@ -1,4 +1,4 @@
-"""Answer HEAD like GET, without the body."""
+"""Answer a HEAD request like a GET request, but without the body."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadMiddleware:
-    """Answers HEAD by the routes for GET; an endless answer, such as an event stream, ends after its header."""
+    """Lets the routes for GET answer HEAD requests. Endless answers, such as event streams, end after the header."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

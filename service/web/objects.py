@@ -1,4 +1,4 @@
-"""Serve objects of a bucket over HTTP like files: with ETag, conditions and a single range (RFC 9110)."""
+"""Serve objects of a bucket over HTTP like files, with ETag, conditional requests and single ranges (RFC 9110)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 
 
 async def object_response(store: Bucket, key: str, request: Request) -> Response:
-    """Return an object, the requested range of it, or 304. Chunks are small enough for memory.
+    """Return an object, or the requested range of it, or status 304. Objects are read into memory as a whole.
 
     Returns
     -------
@@ -25,7 +25,7 @@ async def object_response(store: Bucket, key: str, request: Request) -> Response
     Raises
     ------
     HTTPException
-        404 without such an object, 416 for a range outside of it.
+        404: there is no such object. 416: the range is outside the object.
     StorageError
         The object store fails.
     """

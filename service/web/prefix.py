@@ -1,4 +1,4 @@
-"""The path under which a proxy publishes this service, and the scheme that browsers use."""
+"""Find out the path at which a proxy publishes this service, and the scheme (http or https) that browsers use."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ _root: ContextVar[str] = ContextVar("root_path", default="")
 
 
 def public_path(path: str) -> str:
-    """Return a path of this service as the client of the current request must request it."""
+    """Return a path of this service as clients must request it, with the prefix of the proxy."""
     return _root.get() + path
 
 
 def route_path(scope: Scope) -> str:
-    """Return the path of a request as routes know it, without the prefix of the proxy."""
+    """Return the path of a request without the prefix of the proxy, as routes declare it."""
     path, root = str(scope["path"]), str(scope.get("root_path", ""))
     return path.removeprefix(root) if path.startswith(f"{root}/") else path
 
 
 class PrefixMiddleware:
-    """Sets ``root_path`` and ``scheme`` of each request, whether the proxy removes the prefix from the path or not.
+    """Sets ``root_path`` and ``scheme`` of each request. The proxy may leave the prefix in the path or remove it.
 
     Parameters
     ----------
     app
-        Gets the requests.
+        The application that gets the requests.
     root_path
-        Prefix of every request; empty if the service is at the root of a host.
+        Prefix of all paths; empty if the service is at the root of a host, or if the proxy sends the prefix.
     trusted
-        Whether a proxy in front says prefix and scheme in ``X-Forwarded-Prefix`` and ``X-Forwarded-Proto``.
-        ``root_path`` wins over the first.
+        Use the prefix and the scheme in the headers ``X-Forwarded-Prefix`` and ``X-Forwarded-Proto``, which a proxy
+        sends. A ``root_path`` has precedence over the header.
     """
 
     def __init__(self, app: ASGIApp, root_path: str, trusted: bool) -> None:
@@ -69,6 +69,6 @@ class PrefixMiddleware:
             _root.reset(token)
 
     def _forwarded_prefix(self, headers: Headers) -> str:
-        """Return the prefix from a trusted proxy; empty if there is none, or an invalid one."""
+        """Return the prefix that a trusted proxy has sent; empty if there is no valid prefix."""
         said = headers.get(PREFIX_HEADER, "").rstrip("/") if self._trusted else ""
         return said if ROOT_PATH.fullmatch(said) else ""

@@ -1,4 +1,4 @@
-"""Errors as problem documents (RFC 9457): one table from exceptions to HTTP."""
+"""Answer errors with problem documents (RFC 9457). One table maps exceptions to HTTP statuses."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
 RETRY_AFTER = {"Retry-After": "5"}
 HEADERS_OF = {401: {"WWW-Authenticate": 'Bearer realm="gear rattle"'}, 429: RETRY_AFTER, 503: RETRY_AFTER}
-#: Statuses of errors that any request may get, whatever its route.
+#: Statuses of errors that a request to any route may get.
 ANYWHERE = (400, 403, 408, 413, 414, 415, 431, 500, 503)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)
 
-#: The first matching class decides, so subclasses come before their bases.
+#: Exceptions and their statuses. The first matching class counts, so subclasses come before their bases.
 STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.UnauthorizedError, 401),
     (errors.ForbiddenError, 403),
@@ -55,24 +55,26 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (SQLAlchemyError, 503),
 )
 
-#: Advice for errors without a message of their own.
+#: By status: the detail of problem documents for errors without a message of their own.
 ADVICE = {
     400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
     401: "Send an API key in the header Authorization: Bearer KEY. `rattle key add` makes one where the service runs.",
-    404: "Nothing is here. /docs lists the paths of this service. Below a path of a proxy it needs RATTLE_ROOT_PATH.",
-    405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
-    408: "The request did not arrive whole in time. Send it at once, or closer to the service.",
-    413: "The request body is too large here. Give a survey by its axes, and a measured curve by fewer points.",
-    414: "The URL is too long. Send a shorter one.",
+    404: "There is nothing at this path. /docs lists the paths of this service. If a proxy publishes it at a path, set "
+    "RATTLE_ROOT_PATH.",
+    405: "This path does not have that method. The Allow header lists its methods; see /docs.",
+    408: "The request did not arrive completely in time. Send it at once, or over a faster connection.",
+    413: "The request body is too large for this service. Describe a survey by its axes, and a measured curve by fewer "
+    "points.",
+    414: "The URL is too long. Send a shorter URL.",
     415: "Send the body as JSON, with the header Content-Type: application/json.",
-    416: "The file is shorter than the requested range. Ask for bytes below its Content-Length.",
-    422: "Some fields of the request are not acceptable; `errors` names each of them.",
+    416: "The file is shorter than the requested range. Request bytes below its Content-Length.",
+    422: "Some fields of the request are wrong. `errors` names each of them.",
     431: "The request header is too large for this service. Send fewer headers, or shorter ones.",
-    500: "An error of the service, not of the request. It has been logged; please report it.",
+    500: "The service has an error; the request has none. The error has been logged: please report it.",
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
-#: Codes of errors other than this project's exceptions, by status.
+#: By status: the code of errors that are not exceptions of this project.
 CODES = {
     400: "bad_request",
     401: "unauthorized",
@@ -92,14 +94,14 @@ CODES = {
 
 
 class FieldError(BaseModel):
-    """One field that was refused."""
+    """A field that was refused."""
 
-    field: str = Field(description="where it stands, for example body.delta.start")
+    field: str = Field(description="location of the field, for example body.delta.start")
     message: str = Field(description="what is wrong with it")
 
 
 class Problem(BaseModel):
-    """A problem document, RFC 9457."""
+    """A problem document according to RFC 9457."""
 
     type: str = "about:blank"
     title: str = Field(description="the HTTP status in words")
@@ -111,7 +113,7 @@ class Problem(BaseModel):
 
 
 def declared(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Return the OpenAPI declaration of a route's problem documents."""
+    """Return the OpenAPI declaration of the problem documents with these statuses."""
     schema = {"$ref": "#/components/schemas/Problem"}
     return {
         status: {"description": HTTPStatus(status).phrase, "content": {MEDIA_TYPE: {"schema": schema}}}
@@ -127,7 +129,7 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     code: str = "",
 ) -> Response:
-    """Return the problem document of an error, which is valid JSON whatever text the request contained."""
+    """Return the problem document of an error. It is valid JSON, whatever text the request contained."""
     problem = Problem(
         title=HTTPStatus(status).phrase,
         status=status,
@@ -136,24 +138,24 @@ def problem_response(
         instance=instance,
         errors=list(field_errors),
     )
-    # ASCII escapes: a lone surrogate in a field name cannot be encoded as UTF-8.
+    # ensure_ascii, because a lone surrogate in the name of a field cannot be encoded as UTF-8.
     body = json.dumps(problem.model_dump(), ensure_ascii=True, allow_nan=False)
     return Response(body, status, dict(headers or {}), MEDIA_TYPE)
 
 
 def install(app: FastAPI) -> None:
-    """Let every error of ``app`` be answered with a problem document."""
+    """Make ``app`` answer all errors with problem documents."""
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)
     for kind in (RattleError, SQLAlchemyError):
         app.add_exception_handler(kind, _on_known_error)
     app.add_exception_handler(Exception, _on_unknown_error)
-    # FastAPI's documented way to extend the schema, which mypy reports as an error
+    # This is FastAPI's documented way to extend the schema, although mypy reports it as an error.
     app.openapi = partial(_openapi_with_problem, app.openapi)  # type: ignore[method-assign]
 
 
 def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    # FastAPI would declare a model under application/json, which is not the media type of problem documents.
+    # The schema is added here, because FastAPI would declare the wrong media type, application/json.
     document = generate()
     schemas = document.setdefault("components", {}).setdefault("schemas", {})
     if Problem.__name__ not in schemas:
@@ -202,7 +204,7 @@ def _allowed_methods(request: Request) -> list[str]:
 
 
 def _on_known_error(request: Request, error: Exception) -> Response:
-    beyond = type(error) is RattleError  # the bare class means that the library cannot compute this at these parameters
+    beyond = type(error) is RattleError  # the base class means: the library cannot compute this at these parameters
     status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 422 if beyond else 500)
     if status == 500 or isinstance(error, SQLAlchemyError):
         log.error("%s %s", request.method, request.url.path, exc_info=error)
@@ -214,7 +216,7 @@ def _on_known_error(request: Request, error: Exception) -> Response:
 
 
 def answer(request: Request, error: Exception) -> Response:
-    """Return the problem document of an error that was raised before any route."""
+    """Return the problem document of an error that a middleware raised before the request reached a route."""
     return (_on_http_exception if isinstance(error, HTTPException) else _on_known_error)(request, error)
 
 
@@ -223,9 +225,9 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 
 
 class ProblemMiddleware:
-    """Turn plain-text errors of libraries (413, 416) into problem documents, and unexpected exceptions into 500.
+    """Replaces plain-text errors of libraries (413, 416) by problem documents; unexpected exceptions get status 500.
 
-    An unexpected exception is logged and counted like any other, and also reaches the server's log.
+    A request with an unexpected exception is logged and counted like any other, and the exception is also logged.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -249,7 +251,7 @@ class ProblemMiddleware:
 
         try:
             await self.app(scope, receive, send_problem)
-        except ClientDisconnect:  # the client is gone
+        except ClientDisconnect:  # nobody is left to answer
             raise
         except Exception:
             if not begun:

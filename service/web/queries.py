@@ -1,4 +1,4 @@
-"""Refuse query parameters that a route does not have, so that misspelt ones are not silently ignored."""
+"""Refuse query parameters that a route does not have, so that misspelt parameters are not silently ignored."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from fastapi.exceptions import RequestValidationError
 
 from rattle.errors import did_you_mean
 
-#: Parameters by path and method. All applications of a process have the same routes, whose description takes a quarter
-#: of a second to make.
+#: By path and method: the names of the query parameters. They are kept, because generating the OpenAPI document takes
+#: a quarter of a second, and all applications of a process have the same routes.
 _known: dict[tuple[str, str], list[str]] = {}
 
 
 async def refuse_unknown(request: Request) -> None:
-    """Raise RequestValidationError for parameters that OpenAPI does not declare for this route."""
+    """Raise RequestValidationError for query parameters that the OpenAPI document does not declare for the route."""
     if not request.query_params:
         return
     asked = request.scope["route"].path, request.method.lower()
     if asked not in _known:
         _known.update(_declared(request))
-    known = _known.setdefault(asked, [])  # a path without a description has no parameters
-    message = f"there is no such parameter; this path knows {', '.join(known) or 'none'}"
+    known = _known.setdefault(asked, [])  # a path that the OpenAPI document leaves out has no parameters
+    message = f"there is no such parameter; the parameters of this path are: {', '.join(known) or 'none'}"
     unknown = [
         {"loc": ("query", name), "msg": message + did_you_mean(name, known)}
         for name in request.query_params

@@ -1,4 +1,4 @@
-"""Run the application with uvicorn, on an address that is bound first, and end within seconds of a signal."""
+"""Run the application with uvicorn. The address is bound first, and a signal ends everything within seconds."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from fastapi import FastAPI
 from gear_rattle.service.errors import AddressError
 from gear_rattle.service.settings import Settings
 
-#: Longest time from the signal to the end of all work.
+#: Longest time in seconds from a signal to the end of all work.
 STOP_SECONDS = 3.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: The process that removes the semaphores of ended processes.
+#: Module of the process with which Python removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"
-OBJECTS = 50_000  # new objects between two garbage collections, each of which blocks for 15 ms
-#: Larger blocks, in bytes, are returned to the system when they are freed. glibc raises this limit up to 32 MiB by
-#: itself; then the arena of each thread keeps the memory of arrays, and a service grew for hours.
+OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
+#: Blocks of memory of at least this many bytes are returned to the system when they are freed. By itself, glibc raises
+#: this limit up to 32 MiB; the arenas of threads then keep the memory of arrays, and the service grows for hours.
 LARGE = 1 << 18
-M_MMAP_THRESHOLD = -3  # constant of malloc.h
-#: A message of a page of the explorer is small.
+M_MMAP_THRESHOLD = -3  # a constant in malloc.h
+#: Largest message of a page of the explorer; real messages are much smaller.
 MAX_MESSAGE_BYTES = 1 << 20
 
 log = logging.getLogger("uvicorn.error")
@@ -43,23 +43,23 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     Parameters
     ----------
     app
-        The application, whose lifespan calls ``app.state.on_start`` once ``app.state.front`` is there.
+        The application. Its lifespan calls ``app.state.on_start`` when ``app.state.front`` exists.
     settings
-        Address and limits.
+        The settings of the service; they have the address and limits.
     log_config
-        For `logging.config.dictConfig`.
+        The configuration for `logging.config.dictConfig`.
     asked_to_stop
-        Set by a signal that arrives before the server handles signals.
+        An event that is set by a signal that arrives before the server handles signals.
 
     Returns
     -------
     bool
-        Whether the server had started.
+        True if the server has started, False if it was stopped before.
 
     Raises
     ------
     AddressError
-        The address cannot be bound; nothing has been started.
+        The address cannot be bound. Nothing has been started.
     """
     return_large_blocks()
     sockets = bind(settings.host, settings.port)
@@ -73,10 +73,10 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
             timeout_graceful_shutdown=settings.shutdown_seconds,
             ws_max_size=MAX_MESSAGE_BYTES,
             ws_per_message_deflate=False,  # compressing maps would block the event loop
-            proxy_headers=False,  # the client's address is that of the connection
+            proxy_headers=False,  # the client's address is the address of the connection, not one in a header
             server_header=False,
             log_config=log_config,
-            access_log=False,  # RequestLogMiddleware logs more
+            access_log=False,  # RequestLogMiddleware logs requests, with more details
         )
     )
 
@@ -89,11 +89,11 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
             host, port = each.getsockname()[:2]
             log.info("listening at http://%s:%d", f"[{host}]" if ":" in host else host, port)
         gc.set_threshold(OBJECTS)
-        gc.freeze()  # otherwise every full collection scans all modules, and blocks answers meanwhile
+        gc.freeze()  # otherwise every full collection scans all modules, and delays answers
         if settings.preload:
-            app.state.front.kernels.begin()  # before the first request needs them
-        if explorer := app.state.explorer:  # prepared before somebody opens the explorer
-            app.state.preparing = asyncio.ensure_future(explorer.prepare())  # a reference keeps the task alive
+            app.state.front.kernels.begin()  # kernels are ready when the first request needs them
+        if explorer := app.state.explorer:  # the explorer is prepared before somebody opens it
+            app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
 
     app.state.on_start = begin
     server.run(sockets)
@@ -101,18 +101,18 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
 
 
 def return_large_blocks() -> None:
-    """Let glibc return freed arrays to the system; other C libraries have no such limit."""
+    """Make glibc return the memory of freed arrays to the system. Other C libraries do not need it."""
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
 
 
 def bind(host: str, port: int) -> list[socket.socket]:
-    """Return sockets bound to every address of a host; they do not listen yet, so nobody connects before the start.
+    """Bind sockets to all addresses of a host. They do not listen yet, so nobody can connect before the start.
 
     Returns
     -------
     list[socket.socket]
-        One for each address.
+        The bound sockets, one for each address.
 
     Raises
     ------
@@ -134,16 +134,16 @@ def bind(host: str, port: int) -> list[socket.socket]:
         for each in bound:
             each.close()
         raise AddressError(
-            f"Nothing can listen at port {port} of {host} ({error.strerror}). Stop what does, or "
-            "choose another (--port, --host)."
+            f"The service cannot listen on port {port} of {host} ({error.strerror}). Stop the program that uses this "
+            "port, or choose another port or address (--port, --host)."
         ) from error
     return bound
 
 
 def _end_with_signals(app: FastAPI) -> None:
-    """End surveys and requests at the signal, and not only after uvicorn has closed its connections.
+    """Make SIGINT and SIGTERM end surveys and requests at once, not only when uvicorn has closed its connections.
 
-    It runs inside the lifespan, where uvicorn's handlers are installed; they are called after this one.
+    This is called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers call them.
     """
     loop = asyncio.get_running_loop()
 
@@ -165,8 +165,8 @@ def _end_with_signals(app: FastAPI) -> None:
 
 
 def _end_now() -> None:
-    """Kill busy processes. Nothing is lost: tiles are files that appear whole, and the database has committed."""
-    log.warning("still busy after %g s: ending now", STOP_SECONDS)
+    """Kill all processes at once. Nothing is lost: files of tiles appear whole, and the database has committed."""
+    log.warning("the service is still busy %g s after the signal: it is killed now", STOP_SECONDS)
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):
             if TRACKER not in " ".join(child.cmdline()):

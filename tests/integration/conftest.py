@@ -1,4 +1,4 @@
-"""The expected values of a survey, and processes that belong to one module."""
+"""Fixtures of the integration tests: the values that a survey must have, and a short temporary directory."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +11,12 @@ from service_processes import serial_run
 
 @pytest.fixture(scope="module")
 def expected(request: pytest.FixtureRequest) -> dict[str, np.ndarray]:
-    """Every per-cell variable of the module's REQUEST, computed here."""
+    """Return every per-cell variable of the module's REQUEST, computed in this process."""
     return serial_run(request.module.REQUEST)
 
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """For `TMPDIR`, which sockets are below: their names have 107 bytes, of which `tmp_path` may take too many."""
+    """Yield a directory for `TMPDIR`. The name of a socket in it has at most 107 bytes; `tmp_path` may be too long."""
     with TemporaryDirectory() as directory:
         yield Path(directory)

@@ -1,4 +1,4 @@
-"""The commands of containers, run as processes: those of docker-compose.yml and of the manifests of Kubernetes."""
+"""The commands of docker-compose.yml and of the manifests of Kubernetes, run as processes without containers."""
 
 import os
 import pwd
@@ -22,16 +22,16 @@ PASSWORD = "of this test only"
 
 
 class Here:
-    """Everything that is other here than in a file of containers: names of hosts, ports, directories, the password.
+    """Replaces host names, ports, directories and the password of a container file by those of this machine.
 
     Parameters
     ----------
     directory
-        Of what the containers write.
+        Directory for everything that the containers write.
     services
-        Containers by name, with the words of docker compose: `command`, `environment`, `healthcheck`.
+        Containers by name, in the format of docker compose: `command`, `environment`, `healthcheck`.
     more
-        Further replacements, patterns of which this is for.
+        Further replacements: regular expressions and their replacements.
     """
 
     def __init__(self, directory: Path, services: dict[str, Any], more: Mapping[str, str] | None = None) -> None:
@@ -52,7 +52,7 @@ class Here:
             r"^\$\{RATTLE_SITE:-http://:\d+\}$": f"http://127.0.0.1:{self.proxy}",
             r"^/etc/caddy/Caddyfile$": str(directory / "Caddyfile"),
         }
-        #: What the images bring, for processes without one.
+        #: Environment variables that the container images set.
         self.image = {
             "PATH": os.pathsep.join([str(Path(sys.executable).parent), str(programs()), os.environ["PATH"]]),
             "PYTHONPATH": str(ROOT),
@@ -61,7 +61,7 @@ class Here:
             "PGPORT": str(self.database),
             "HOME": str(directory),
             "RATTLE_FRONT": f"127.0.0.1:{self.front}",
-            # Beside the other tests: neither the page nor the kernels of points, which nobody asks for.
+            # These tests use neither the explorer nor the point kernels, and both slow the start.
             "RATTLE_EXPLORER": "false",
             "RATTLE_PRELOAD": "false",
         }
@@ -87,7 +87,7 @@ class Here:
     def started(
         self, name: str, number: int = 0, prefix: tuple[str, ...] = (), *more: str, check: bool = True
     ) -> Iterator[None]:
-        """A service's command, healthy by its own check if it has one."""
+        """Run the command of a container, and wait until its health check passes, if it has one."""
         with (self.directory / f"{name}{number}.log").open("w") as log:
             command = [*prefix, *self.words(self.services[name]["command"]), *more]
             environment = self.environment(name)
@@ -116,8 +116,8 @@ def programs() -> Path:
 
 @contextmanager
 def database(here: Here) -> Iterator[None]:
-    """PostgreSQL with the user, password and database that its image makes of the environment."""
-    directory = Path(tempfile.mkdtemp(prefix="rattle-compose-"))  # open to the user that PostgreSQL runs as
+    """Run PostgreSQL with the user, password and database that its image would create from the environment."""
+    directory = Path(tempfile.mkdtemp(prefix="rattle-compose-"))  # readable by the user that PostgreSQL runs as
     try:
         given = here.environment("postgres")
         prefix: tuple[str, ...] = ()

@@ -1,9 +1,9 @@
-"""Every valid extreme on a service: `PYTHONPATH=tests python tests/integration/extremes.py [WORD …]`.
+"""Surveys with extreme but valid requests: `PYTHONPATH=tests python tests/integration/extremes.py [WORD …]`.
 
-Not in the suite, because it takes minutes by nature. Each survey is submitted twice: once until it ends, or for so many
-seconds, and once to be dismissed while it runs. Printed are how it ended, the most memory that all processes of the
-service had together (pages that they share counted once), and the seconds from DELETE until the store can be removed.
-The words choose among the names.
+This takes minutes, so it is not part of the test suite. Each survey is submitted twice: the first runs until it ends or
+until `--seconds` are over, the second is dismissed while it runs. For each survey, the program prints how it ended, the
+most memory that all processes of the service had together (shared pages counted once), and the seconds from DELETE
+until the store can be removed. Only surveys whose name contains one of the words run.
 """
 
 import argparse
@@ -53,7 +53,7 @@ MEBIBYTE = 2**20
 
 
 def main() -> None:
-    """Submit, look, dismiss, and print a row of a table for each survey."""
+    """Submit, measure and dismiss each survey, and print a row of a table for it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words", nargs="*")
     parser.add_argument("--seconds", type=float, default=60.0, help="after which a survey is dismissed")
@@ -75,14 +75,14 @@ def main() -> None:
 
 
 class Memory:
-    """Resident memory of a process and all that it has started, in MiB."""
+    """Resident memory of a process and all its descendants, in MiB; `most` is the largest value measured."""
 
     def __init__(self, pid: int) -> None:
         self._process = psutil.Process(pid)
         self.most = 0.0
 
     def now(self) -> float:
-        """At this moment; `most` is the largest that was seen."""
+        """Measure the memory, and return it."""
         total = 0
         for each in [self._process, *self._process.children(recursive=True)]:
             with suppress(psutil.NoSuchProcess):
@@ -92,7 +92,7 @@ class Memory:
 
 
 def row(client: Client, fields: dict[str, Any], used: Memory, seconds: float) -> tuple[str, str, str]:
-    """How a survey ends, the most memory meanwhile, and how long its dismissal takes."""
+    """Return how a survey ends, the most memory meanwhile, and how long its dismissal takes."""
     used.most = 0.0
     began = time.monotonic()
     try:
@@ -120,7 +120,7 @@ def running(job: Job) -> bool:
 
 
 def passed(condition: Callable[[], bool], used: Memory, seconds: float) -> None:
-    """Look at the memory until the condition holds, or so many seconds are over."""
+    """Measure the memory until the condition holds, or `seconds` are over."""
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         used.now()
@@ -128,7 +128,7 @@ def passed(condition: Callable[[], bool], used: Memory, seconds: float) -> None:
 
 
 def dismissed(job: Job, used: Memory) -> str:
-    """Seconds from the first DELETE until one that removes the store."""
+    """Return the seconds from the first DELETE until the DELETE that removes the store."""
     if ended(job):
         job.delete()
         return "ends before"
@@ -139,7 +139,7 @@ def dismissed(job: Job, used: Memory) -> str:
             job.delete()
             return f"{time.monotonic() - began:.1f}"
         except ResponseError as error:
-            if error.status != 409:  # its last tiles still end
+            if error.status != 409:  # 409: its last tiles are still being stopped
                 raise
         used.now()
         time.sleep(POLL)

@@ -1,7 +1,7 @@
-"""Faults put into real processes from outside, a count of what they execute, and tiles that wait to be released.
+"""Faults injected into real processes, a count of the tiles that they execute, and tiles that wait for a release.
 
-Every process that inherits the environment made here patches modules as it imports them, also the processes that it
-starts. Nothing in the code under test knows of it.
+Every process with the environment made here patches modules when it imports them, and so do the processes that it
+starts. The code under test contains nothing for this.
 """
 
 import os
@@ -107,7 +107,8 @@ def count(tiles):
     before(tiles, "compute_tile", act)
 """
 
-#: A cluster in the process of the service, which loads kernels when it needs them: it starts sooner, and dies with it.
+#: A cluster in the process of the service. It starts fast, because it loads kernels only when it needs them, and a kill
+#: of the service ends it.
 IN_PROCESS = """
     @patch("gear_rattle.workers.cluster.cluster")
     def inside(cluster):
@@ -121,7 +122,7 @@ IN_PROCESS = """
         cluster._Processes._run = lambda self: self._over.wait()
 """
 
-#: A survey that has to meet a bound, in 9 tiles; with so few audited, these go through a further round.
+#: A survey of 9 tiles that has to meet a bound. With FEW_AUDITED, its tiles go through a further round.
 BOUNDED = SurveyRequest(
     delta=Axis(start=0.4, stop=1.0, num=96),
     epsilon=Axis(start=0.005, stop=0.3, num=70),
@@ -137,7 +138,7 @@ FEW_AUDITED = f"""
         rounds.SPARE = {SPARE}
 """
 
-#: A service that waits for ever for what it ends by itself.
+#: A service without a deadline: its stop hangs unless the service itself ends everything that is open.
 NO_DEADLINE = """
     @patch("gear_rattle.service.web.server")
     def patient(server):
@@ -148,7 +149,7 @@ NO_DEADLINE = """
 
 
 class Faults:
-    """A directory of patches: put its `environment` around the processes that shall have them."""
+    """A directory of patches; processes started with its `environment` have them."""
 
     def __init__(self, directory: Path) -> None:
         self._directory, self._log, self._hold = directory / "faults", directory / "executed", directory / "hold"
@@ -158,26 +159,26 @@ class Faults:
         self.inject("")
 
     def inject(self, *patches: str) -> None:
-        """Replace the patches, for processes that start from now on; executions are always counted."""
+        """Replace the patches of processes that start from now on; executions are always counted."""
         hook = _HOOK.format(log=str(self._log), hold=str(self._hold), armed=str(self._armed))
         (self._directory / "sitecustomize.py").write_text(hook + "".join(map(textwrap.dedent, patches)))
 
     def hold(self, first: int) -> None:
-        """Let tiles from this index on begin, and never end unless they are released."""
+        """Hold the tiles from this index on: they begin, and do not end until :meth:`release`."""
         new = self._hold.with_suffix(".new")
         new.write_text(str(first))
         new.rename(self._hold)
 
     def release(self) -> None:
-        """Let every tile end."""
+        """Release every tile that is held."""
         self._hold.unlink(missing_ok=True)
 
     def arm(self, word: str) -> None:
-        """Let what waits for this word happen, once."""
+        """Let the fault that asks `disarmed(word)` happen once."""
         Path(f"{self._armed}{word}").touch()
 
     def forget(self) -> None:
-        """Count from here."""
+        """Remove all notes, so that counts begin at zero."""
         self._log.write_text("")
 
     @property
@@ -185,16 +186,16 @@ class Faults:
         return {**ENVIRONMENT, "PYTHONPATH": os.pathsep.join([str(self._directory), str(ROOT)])}
 
     def notes(self, word: str) -> Counter[str]:
-        """How often each thing was noted under this word."""
+        """Return how often each text was noted after this word."""
         lines = (line.partition(" ") for line in self._log.read_text().splitlines())
         return Counter(rest for first, _, rest in lines if first == word)
 
     def executions(self) -> Counter[int]:
-        """How often each tile has begun, by index."""
+        """Return how often each tile has begun, by index."""
         return self._begun(0)
 
     def processes(self) -> set[int]:
-        """Every process in which a tile has begun."""
+        """Return the id of every process in which a tile has begun."""
         return set(self._begun(1))
 
     def _begun(self, column: int) -> Counter[int]:

@@ -1,4 +1,4 @@
-"""Services with a survey that waits, keys that are asked, and clients that write to their sockets themselves."""
+"""A service that requires keys and has a waiting survey, and clients that write raw bytes to their sockets."""
 
 import json
 import socket
@@ -16,16 +16,16 @@ from gear_rattle.service.cli import app
 from gear_rattle.workers import SurveyRequest, create_store
 
 CONNECTIONS = 24
-NO_CLUSTER = ["--scheduler", "tcp://127.0.0.1:9"]  # surveys wait for ever
-BIG = 32 * 2**20  # more than the kernel takes for a client that does not read
+NO_CLUSTER = ["--scheduler", "tcp://127.0.0.1:9"]  # nothing listens there: surveys wait for ever
+BIG = 32 * 2**20  # bytes; more than the kernel buffers for a client that does not read
 SURVEY = SurveyRequest(**FIELDS)
-UVICORNS = (b"Invalid HTTP request received.", b"Service Unavailable")  # answers that reach no application
+UVICORNS = (b"Invalid HTTP request received.", b"Service Unavailable")  # answers of uvicorn itself
 HEALTH = b"GET /v1/health HTTP/1.1\r\nHost: localhost\r\n"
 
 
 @dataclass(frozen=True)
 class Service:
-    """A service with one survey, which waits."""
+    """A service with one survey, which waits for a cluster."""
 
     pid: int
     port: int
@@ -36,7 +36,7 @@ class Service:
 
 @contextmanager
 def running(data: Path) -> Iterator[Service]:
-    """A service that keys protect, with few connections."""
+    """Run a service that requires API keys and accepts few connections."""
     token = CliRunner().invoke(app, ["key", "add", "Ann", "--scope", "submit", "--data", str(data)]).stdout.strip()
     port = free_port()
     settings = {
@@ -61,7 +61,7 @@ def connected(port: int, sent: bytes = b"") -> Iterator[socket.socket]:
 
 
 def read_all(connection: socket.socket) -> bytes:
-    """Return everything that the service sends until it closes."""
+    """Return everything that the service sends until it closes the connection."""
     parts = []
     try:
         while part := connection.recv(2**16):
@@ -72,13 +72,13 @@ def read_all(connection: socket.socket) -> bytes:
 
 
 def head(token: str, method: str = "GET", target: str = "/v1/surveys", *lines: str) -> bytes:
-    """A request up to its body; it asks to close the connection."""
+    """Return the head of a request, with `Connection: close`."""
     first = [f"{method} {target} HTTP/1.1", "Host: 127.0.0.1", f"Authorization: Bearer {token}", "Connection: close"]
     return "\r\n".join([*first, *lines, "", ""]).encode("latin-1")
 
 
 def answer(port: int, sent: bytes) -> tuple[int, str]:
-    """Status and body of the answer to these bytes: a problem document, or uvicorn's own words."""
+    """Return status and body of the answer to these bytes: a problem document, or an answer of uvicorn itself."""
     with connected(port, sent) as connection:
         received = read_all(connection)
     start, _, body = received.partition(b"\r\n\r\n")
@@ -90,7 +90,7 @@ def answer(port: int, sent: bytes) -> tuple[int, str]:
 
 
 def is_alive(port: int) -> bool:
-    """Return whether the service answers; it does not while it has too many connections."""
+    """Return whether the service answers. While it has too many connections, it does not."""
     try:
         return get(f"http://127.0.0.1:{port}/v1/health").status_code == 200
     except httpx.TransportError:

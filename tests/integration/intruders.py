@@ -1,4 +1,4 @@
-"""Attempts of a local account on a port, and dask's settings that let `connect` into an embedded cluster."""
+"""Attacks of another local account on a port, and dask's settings with which `connect` enters an embedded cluster."""
 
 import asyncio
 import os
@@ -15,11 +15,11 @@ from distributed.protocol import pickle
 from waiting import HANG
 
 CERTIFICATE_REQUIRED = "TLSV13_ALERT_CERTIFICATE_REQUIRED"
-GIVEN_UP = 10.0  # seconds that dask goes on trying; who gets in is in at the first try
+GIVEN_UP = 10.0  # seconds after which dask gives up; a connection that succeeds does so at the first try
 
 
 def anybody() -> ssl.SSLContext:
-    """A context that believes everything, and shows nothing."""
+    """Return a TLS context that accepts every certificate and has none of its own."""
     context = ssl.create_default_context()
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
@@ -27,7 +27,7 @@ def anybody() -> ssl.SSLContext:
 
 
 def stranger() -> ssl.SSLContext:
-    """The same, with a certificate of its own making."""
+    """Return a TLS context that accepts every certificate and has a self-signed one."""
     context: ssl.SSLContext = Security.temporary().get_connection_args("client")["ssl_context"]
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
@@ -35,7 +35,7 @@ def stranger() -> ssl.SSLContext:
 
 
 def listening(pid: int) -> dict[tuple[str, int], int]:
-    """Addresses at which a process or one that it has started listens, and which of them."""
+    """Return the addresses at which a process and its descendants listen, with the process that listens at each."""
     process, found = psutil.Process(pid), {}
     for each in (process, *process.children(recursive=True)):
         for connection in each.net_connections("inet"):
@@ -46,7 +46,7 @@ def listening(pid: int) -> dict[tuple[str, int], int]:
 
 
 def named_sockets(pid: int) -> list[str]:
-    """Sockets of a process and those that it has started which other accounts could find in the file system."""
+    """Return the Unix sockets of a process and its descendants that other accounts could find in the file system."""
     process = psutil.Process(pid)
     every = (process, *process.children(recursive=True))
     found = {str(each.laddr) for one in every for each in one.net_connections("unix") if each.laddr}
@@ -54,13 +54,13 @@ def named_sockets(pid: int) -> list[str]:
 
 
 def is_private(directory: Path) -> bool:
-    """Return whether no other account may enter a directory."""
+    """Return whether only the owner may enter a directory."""
     there = directory.stat()
     return there.st_uid == os.getuid() and stat.S_IMODE(there.st_mode) == 0o700
 
 
 def refusal(port: int) -> str:
-    """How a port answers TLS without a certificate."""
+    """Return the error with which a port refuses a TLS connection without a certificate."""
     with socket.create_connection(("127.0.0.1", port), timeout=HANG) as plain:
         try:
             with anybody().wrap_socket(plain) as encrypted:
@@ -70,13 +70,13 @@ def refusal(port: int) -> str:
 
 
 def execute(where: str) -> None:
-    """Stand for a program that an intruder wants to execute."""
+    """Stand in for a program that an intruder wants to execute."""
     with Path(where).open("a") as file:
         file.write(f"{os.getpid()}\n")
 
 
 def intrude(addresses: Collection[str], context: ssl.SSLContext | None, where: Path) -> set[int]:
-    """Ask for an execution at dask's addresses, all at once; processes that did it."""
+    """Ask dask's addresses to execute a function, all at once; return the processes that did it."""
     asyncio.run(_intrude(addresses, context, where))
     return set(map(int, where.read_text().split())) if where.exists() else set()
 
@@ -85,7 +85,7 @@ async def _intrude(addresses: Collection[str], context: ssl.SSLContext | None, w
     await asyncio.gather(*(_ask(address, operation, context, where) for address in addresses for operation in _RUNS))
 
 
-_RUNS = ("run", "run_function")  # of a worker or nanny, of a scheduler
+_RUNS = ("run", "run_function")  # the operation's name at a worker or nanny, and at a scheduler
 
 
 async def _ask(address: str, operation: str, context: ssl.SSLContext | None, where: Path) -> None:
@@ -101,7 +101,7 @@ async def _ask(address: str, operation: str, context: ssl.SSLContext | None, whe
 
 
 def certificates(client: Client) -> dict[str, str]:
-    """dask's settings of the certificate of an embedded cluster."""
+    """Return dask's settings with the certificate of an embedded cluster."""
     security = client.security
     settings = {"ca-file": security.tls_ca_file, "client.cert": security.tls_client_cert}
     settings |= {"client.key": security.tls_client_key}

@@ -1,7 +1,7 @@
 """A service and its workers killed ten times a minute: `PYTHONPATH=tests python tests/integration/kills.py`.
 
-Not in the suite, because it takes minutes by nature. One survey after the other is submitted; each must end as a serial
-run of it does, to the last bit, and no tile may be lost or counted twice.
+This takes minutes, so it is not part of the test suite. One survey after the other is submitted; each must have the
+same bits as a serial run, and no tile may be lost or counted twice.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from gear_rattle.workers import SurveyRequest, examine
 
 
 def main() -> None:
-    """Kill, restart, compare."""
+    """Kill and restart the service and its workers, and compare every survey with a serial run."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--kills", type=float, default=10.0, help="a minute")

@@ -1,4 +1,4 @@
-"""The manifests of deploy/kubernetes, as they are and as kustomize makes them."""
+"""The manifests of deploy/kubernetes, as they are written and as kustomize builds them."""
 
 import re
 import shutil
@@ -22,7 +22,7 @@ def written(folder: str = "base") -> list[Manifest]:
 
 
 def built(overlay: str, directory: Path) -> list[Manifest]:
-    """Return what `kubectl kustomize` makes of an overlay, with the example's secrets."""
+    """Return what `kubectl kustomize` builds from an overlay, with the secrets of the example."""
     copy = shutil.copytree(KUBERNETES, directory / "kubernetes")
     for example in copy.rglob("*.env.example"):
         shutil.copy(example, example.with_suffix(""))
@@ -46,14 +46,14 @@ def pods(manifests: list[Manifest]) -> dict[str, Manifest]:
 
 
 def services(manifests: list[Manifest], given: dict[str, str]) -> dict[str, Any]:
-    """Return the containers of the manifests as docker compose has them.
+    """Return the containers of the manifests in the format of docker compose.
 
     Parameters
     ----------
     manifests
-        Of which the containers are taken.
+        Manifests that define the containers.
     given
-        What the operator of dask sets in the environment of its containers.
+        Environment variables that the operator of dask sets in its containers.
     """
     found: dict[str, Any] = {}
     for name, pod in pods(manifests).items():
@@ -74,7 +74,7 @@ def services(manifests: list[Manifest], given: dict[str, str]) -> dict[str, Any]
 
 
 def _test(probe: Manifest, container: Manifest) -> list[str]:
-    """Return what a probe does, as a command."""
+    """Return a command that does what a probe of Kubernetes does."""
     ports = {each.get("name"): each["containerPort"] for each in container.get("ports", [])}
     if "exec" in probe:
         return ["CMD", *probe["exec"]["command"]]

@@ -1,6 +1,6 @@
-"""Protections against the faults of docs/reliability.md: how to take each out, and the test that must then fail.
+"""Protections against the faults of docs/reliability.md: edits that take each out, and the test that must then fail.
 
-`protections.py` takes them out, one after the other.
+`protections.py` takes them out one by one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ REVOCATION = "tests/contracts/service/test_service_revocation.py"
 
 @dataclass(frozen=True)
 class Edit:
-    """One place of the code; `old` stands there once."""
+    """A replacement in one file; the file must contain `old` exactly once."""
 
     file: str
     old: str
@@ -182,8 +182,8 @@ PROTECTIONS = (
         "a cell that raises fails alone",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/survey/tiles.py",
-        "        except Exception:  # an error of the model is the result of that cell\n",
-        "        except MemoryError:\n",
+        "        except Exception:  # the model failed in some cell",
+        "        except MemoryError:  # the model failed in some cell",
     ),
     _one(
         "processes of unwanted tiles are ended",
@@ -373,8 +373,8 @@ PROTECTIONS = (
         "a deletion is noted before it begins",
         "tests/contracts/service/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
         "service/jobs/manager.py",
-        "            self._database.begin_deletion(survey_id)  # a crash must not leave a seemingly whole survey\n",
-        "",
+        "            self._database.begin_deletion(survey_id)",
+        "            pass",
     ),
     _one(
         "a deletion that was begun is ended",

@@ -1,4 +1,4 @@
-"""The parts of a cluster as processes of their own, with certificates of one authority."""
+"""A dask scheduler and workers as processes of their own, with certificates of one authority."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ def openssl(*arguments: str) -> None:
 
 
 def authority(directory: Path) -> Settings:
-    """dask's settings of one certificate, by an authority of its own, for every part."""
+    """Make an authority and one certificate for all parts; return dask's settings with them."""
     directory.mkdir()
     ca, ca_key, node, node_key, request = (
         str(directory / name) for name in ("ca.pem", "ca.key", "node.pem", "node.key", "node.csr")
@@ -33,7 +33,7 @@ def authority(directory: Path) -> Settings:
 
 
 def environment(settings: Settings) -> dict[str, str]:
-    """dask's settings as it reads them from the environment."""
+    """Return dask's settings as environment variables."""
     return {f"DASK_{name.replace('.', '__').replace('-', '_').upper()}": value for name, value in settings.items()}
 
 
@@ -41,7 +41,7 @@ def environment(settings: Settings) -> dict[str, str]:
 def dask_part(
     settings: Settings, *arguments: str, base: Mapping[str, str] = ENVIRONMENT, prefix: Sequence[str] = ()
 ) -> Iterator[None]:
-    """A scheduler or a worker, as a process; the prefix is a command that runs it elsewhere."""
+    """Run a scheduler or a worker as a process; `prefix` is a command that runs it elsewhere, e.g. on another host."""
     process = subprocess.Popen(
         [*prefix, sys.executable, "-m", "dask", *arguments],
         cwd=ROOT,

@@ -2,8 +2,8 @@
 
     python tests/integration/protections.py [WORD …]
 
-takes minutes. The words choose among the names. That every protection can still be taken out is a test of its own, and
-a quick one.
+takes minutes. Only protections whose name contains one of the words are taken out. The quick test `test_protections.py`
+checks that every protection can still be taken out.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _tail(output: str) -> str:
 
 
 def copy_project(copy: Path) -> None:
-    """Copy the project, and compile its kernels there: no test shall wait for them."""
+    """Copy the project, and compile its kernels there, so that no test waits for them."""
     for name in COPIED:
         source = ROOT / name
         if source.is_dir():
@@ -56,7 +56,7 @@ def try_out(protection: Protection, copy: Path) -> bool:
         for file, text in whole.items():
             (copy / file).write_text(text)
     seconds, said = time.monotonic() - began, _tail(told.stdout)
-    failed = told.returncode == 1  # 0: passed, others: it did not run
+    failed = told.returncode == 1  # 0: it passed; any other status: it did not run
     if failed and "Timeout" in said:
         failed = _run(protection.test, copy).returncode == 0
         said = "hangs" if failed else "slow, also with the protection: try it on an idle machine"

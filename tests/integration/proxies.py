@@ -1,4 +1,4 @@
-"""The proxies of docs/operations.md, run as they stand there: nginx and Caddy with TLS, at a root and below a path."""
+"""nginx and Caddy with TLS, run with the configurations of docs/operations.md, at a root and below a path."""
 
 import os
 import re
@@ -39,18 +39,18 @@ class Proxied(NamedTuple):
 
     @property
     def trust(self) -> ssl.SSLContext:
-        """Settings of a client that trusts the certificate."""
+        """Return the TLS context of a client that trusts the certificate."""
         return ssl.create_default_context(cafile=str(self.certificate))
 
 
 def configuration(language: str) -> str:
-    """Return the configuration in operations.md that is written in this language."""
+    """Return the code block of docs/operations.md in this language."""
     (found,) = re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
     return str(found)
 
 
 def certificate_in(directory: Path) -> tuple[Path, Path]:
-    """Make a certificate of this machine for a test, and its key."""
+    """Make a certificate for this machine, and its key."""
     certificate, key = directory / "proxy.pem", directory / "proxy.key"
     subprocess.run(
         [
@@ -65,7 +65,7 @@ def certificate_in(directory: Path) -> tuple[Path, Path]:
 
 
 def replaced(text: str, table: dict[str, str]) -> str:
-    """Replace patterns, each of which must be there."""
+    """Replace patterns in a text, and check that each occurs."""
     for pattern, instead in table.items():
         text, found = re.subn(pattern, instead, text, flags=re.MULTILINE)
         assert found, pattern
@@ -74,7 +74,7 @@ def replaced(text: str, table: dict[str, str]) -> str:
 
 @contextmanager
 def nginx(front: int, directory: Path, changes: dict[str, str] | None = None) -> Iterator[Proxied]:
-    """Run the nginx of operations.md before a service at a port, with ports, files and logs of this test."""
+    """Run nginx in front of the service at a port: the configuration of operations.md, with files of this test."""
     certificate, key = certificate_in(directory)
     root, below = free_port(), free_port()
     text = replaced(
@@ -91,7 +91,7 @@ def nginx(front: int, directory: Path, changes: dict[str, str] | None = None) ->
         },
     )
     file = directory / "nginx.conf"
-    user = "user root; " if os.geteuid() == 0 else ""  # whose directories nobody else may enter
+    user = "user root; " if os.geteuid() == 0 else ""  # only root may enter the directories of a test that runs as root
     file.write_text(f"{user}daemon off; pid {directory / 'nginx.pid'}; error_log {directory / 'nginx.log'};\n{text}")
     command = [str(PROGRAMS["nginx"]), "-e", str(directory / "nginx.log"), "-p", str(directory), "-c", str(file)]
     with _running(
@@ -107,7 +107,7 @@ def _temporary(directory: Path) -> str:
 
 @contextmanager
 def caddy(front: int, directory: Path, changes: dict[str, str] | None = None) -> Iterator[Proxied]:
-    """Run the Caddy of operations.md before a service at a port, with ports and a certificate of this test."""
+    """Run Caddy in front of the service at a port: the configuration of operations.md, with files of this test."""
     certificate, key = certificate_in(directory)
     root, below, plain = free_port(), free_port(), free_port()
     text = replaced(

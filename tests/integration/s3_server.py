@@ -1,4 +1,4 @@
-"""A real S3 server in a process of its own, with a switch that makes it fail (moto's server; see Makefile)."""
+"""An S3 server in a process of its own (moto; see the Makefile) that can be told to fail."""
 
 import os
 import subprocess
@@ -14,9 +14,10 @@ ROOT = Path(__file__).parents[2]
 PYTHON = ROOT / ".venv-s3" / "bin" / "python"
 BUCKET = "surveys"
 
-#: After POST /-/fail?N the next N requests, and no other, are answered with 503; after POST /-/trouble?N every Nth, and
-#: every other waits a while. Answers how many have been so since it was asked last. After POST /-/restart?S nobody
-#: listens for S seconds; then it goes on with the same objects. GET /-/used lists the kinds of requests so far.
+#: After POST /-/fail?N, the next N requests are answered with 503. After POST /-/trouble?N, every Nth request is
+#: answered with 503 and the others are delayed; the answer is the number of 503 since the last POST /-/trouble. After
+#: POST /-/restart?S, the server does not listen for S seconds, and then goes on with the same objects. GET /-/used
+#: lists the kinds of requests so far.
 SCRIPT = """
 import itertools
 import json
@@ -82,7 +83,7 @@ while True:
 
 
 class S3:
-    """A running server with one bucket."""
+    """A running S3 server with one bucket."""
 
     def __init__(self, port: int) -> None:
         self.url = f"http://127.0.0.1:{port}"
@@ -95,25 +96,25 @@ class S3:
         }
 
     def trouble(self, every: int) -> int:
-        """Let the server answer slowly, and every so many requests with 503; 0 ends it. Returns how many were so."""
+        """Answer slowly, and every Nth request with 503; 0 ends this. Return how many had 503 since the last call."""
         return int(httpx.post(f"{self.url}/-/trouble?{every}", timeout=HANG).raise_for_status().text)
 
     def restart(self, seconds: float) -> None:
-        """Let nobody listen for some seconds."""
+        """Let the server stop listening for some seconds."""
         httpx.post(f"{self.url}/-/restart?{seconds}", timeout=HANG).raise_for_status()
 
     def used(self) -> set[str]:
-        """Return the kinds of requests that it was sent: method, conditions and subresources."""
+        """Return the kinds of requests so far: method, conditions and subresources."""
         return set(httpx.get(f"{self.url}/-/used", timeout=HANG).raise_for_status().json())
 
     def fail(self, requests: int) -> None:
-        """Let the server answer the next requests with 503."""
+        """Let the server answer the next `requests` requests with 503."""
         httpx.post(f"{self.url}/-/fail?{requests}", timeout=HANG).raise_for_status()
 
 
 @contextmanager
 def s3_server() -> Iterator[S3]:
-    """Start the server, with an empty bucket."""
+    """Start an S3 server with an empty bucket."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("AWS_")}
     process = subprocess.Popen(
         [str(PYTHON), "-c", SCRIPT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment

@@ -1,4 +1,4 @@
-"""Real processes of the front end, on loopback, and what a survey must hold."""
+"""Processes of the service on the loopback interface, their clients, and the values that a survey must have."""
 
 import os
 import random
@@ -28,13 +28,13 @@ ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",
-    "RATTLE_EXPLORER": "false",  # tests in a browser ask for it; the others start sooner
+    "RATTLE_EXPLORER": "false",  # tests in a browser switch it on; without it the service starts faster
     "RATTLE_PRELOAD": "false",
-    "RATTLE_WORKERS": "1",  # where several must be, the test says so
+    "RATTLE_WORKERS": "1",  # a test that needs several says so
 }
 NO_SETTINGS: Mapping[str, str] = {}
 
-#: 36 cells in 9 tiles. What shall happen in the middle of it happens while `faults.Faults` holds its tiles.
+#: 36 cells in 9 tiles. To act in the middle of the survey, a test holds its tiles with `faults.Faults`.
 FIELDS: dict[str, Any] = {
     "delta": {"start": 0.45, "stop": 0.9, "num": 6},
     "epsilon": {"start": 0.02, "stop": 0.25, "num": 6},
@@ -47,7 +47,7 @@ OPTIONS = ["--delta", "0.45:0.9:6", "--epsilon", "0.02:0.25:6", "--count", "16",
 
 
 def free_port() -> int:
-    """A port nobody listens on, from below those that systems give to connections: one of those could be gone again."""
+    """Return a free port below the ephemeral ports, which the system could give to a connection meanwhile."""
     while True:
         port = random.SystemRandom().randrange(10_000, 30_000)
         with socket.socket() as probe, suppress(OSError):
@@ -56,7 +56,7 @@ def free_port() -> int:
 
 
 def start(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS, **options: Any) -> subprocess.Popen[str]:
-    """A command of rattle, in a process group of its own."""
+    """Start a command of rattle in a process group of its own."""
     environment = ENVIRONMENT | settings
     return subprocess.Popen(
         [*RATTLE, *arguments], cwd=ROOT, env=environment, text=True, start_new_session=True, **options
@@ -64,7 +64,7 @@ def start(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS, **options:
 
 
 def finish(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS) -> subprocess.CompletedProcess[str]:
-    """A command of rattle, when it has ended, with what it printed."""
+    """Run a command of rattle to its end; return its exit status and output."""
     environment = ENVIRONMENT | settings
     return subprocess.run(
         [*RATTLE, *arguments], cwd=ROOT, env=environment, text=True, capture_output=True, timeout=HANG
@@ -75,7 +75,7 @@ def finish(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS) -> subpro
 def server(
     data: Path, port: int, *arguments: str, settings: Mapping[str, str] = NO_SETTINGS, **options: Any
 ) -> Iterator[subprocess.Popen[str]]:
-    """A server that answers; stopped by SIGTERM at the end, and it must stop without error."""
+    """Run a server. At the end, SIGTERM stops it, and it must stop without an error."""
     process = start("serve", "--port", str(port), "--data", str(data), *arguments, settings=settings, **options)
     try:
         wait_until(lambda: answers(process, port))
@@ -98,20 +98,20 @@ def answers(process: subprocess.Popen[str], port: int) -> bool:
 
 
 def get(url: str, **options: Any) -> httpx.Response:
-    """An answer, however long it takes. To load certificates, which it needs none of, would take 20 ms of a core."""
+    """Return the answer to a GET request without a timeout. No certificates are loaded: that takes 20 ms."""
     return httpx.get(url, timeout=HANG, verify=False, **options)
 
 
 @contextmanager
 def client_of(port: int, key: str | None = None) -> Iterator[Client]:
-    """A client of the service at this port, that waits however long an answer takes."""
+    """Open a client without a timeout of the service at this port."""
     url = f"http://127.0.0.1:{port}"
     with Client(url, http=httpx.Client(base_url=url, timeout=HANG), key=key) as client:
         yield client
 
 
 def nannies_of(pid: int) -> list[psutil.Process]:
-    """Return the process that starts the workers of a process."""
+    """Return the processes that start the workers of a process (their nannies)."""
     return [
         each
         for each in psutil.Process(pid).children()
@@ -120,7 +120,7 @@ def nannies_of(pid: int) -> list[psutil.Process]:
 
 
 def workers_of(pid: int) -> list[psutil.Process]:
-    """Return the worker processes of a process, frozen ones too."""
+    """Return the worker processes of a process, including frozen ones."""
     with suppress(psutil.NoSuchProcess):
         children = [worker for each in nannies_of(pid) for worker in each.children()]
         return [each for each in children if TRACKER not in " ".join(each.cmdline())]
@@ -128,13 +128,13 @@ def workers_of(pid: int) -> list[psutil.Process]:
 
 
 def written_in(store: Path) -> dict[str, bytes]:
-    """Return the files that tiles have written in a directory."""
+    """Return the content of the files that tiles have written below a directory, by path."""
     return {str(path.relative_to(store)): path.read_bytes() for path in store.rglob("c/**/*") if path.is_file()}
 
 
 @cache
 def serial_run(request: SurveyRequest) -> dict[str, np.ndarray]:
-    """Every per-cell variable, computed here, tile by tile, in reverse order."""
+    """Return every per-cell variable, computed in this process tile by tile in reverse order."""
     whole: dict[str, np.ndarray] = {}
     for tile in reversed(tiles_of(request)):
         arrays, _ = compute_tile(request, tile)
@@ -145,10 +145,10 @@ def serial_run(request: SurveyRequest) -> dict[str, np.ndarray]:
 
 
 def assert_bit_identical(dataset: xr.Dataset, expected: dict[str, np.ndarray]) -> None:
-    """Every expected variable is there, with the same dtype and the same bytes, NaN included."""
+    """Assert that a data set has every expected variable with the same dtype and the same bytes, NaN included."""
     assert len(expected) > 10
     for name, values in expected.items():
-        whole, _, part = name.rpartition("_")  # complex again in what this project opens
+        whole, _, part = name.rpartition("_")  # open_survey combines real and imaginary parts
         found = dataset[name].values if name in dataset else getattr(dataset[whole].values, part)
         assert found.dtype == values.dtype, name
         assert found.shape == values.shape, name

@@ -1,4 +1,4 @@
-"""SLURM on this machine: munged, slurmctld, and two slurmd that stand for two nodes."""
+"""SLURM on this machine: munged, slurmctld, and two slurmd as two nodes."""
 
 import getpass
 import os
@@ -49,13 +49,13 @@ PartitionName=all Nodes={names} Default=YES MaxTime=INFINITE State=UP
 
 
 def missing() -> str:
-    """Return why SLURM cannot run here; nothing if it can."""
+    """Return why SLURM cannot run here, or an empty text if it can."""
     without = [name for name in PROGRAMS if shutil.which(name, path=SBIN) is None]
     return f"{', '.join(without)} not installed (apt-get install slurm-wlm munge)" if without else ""
 
 
 class Slurm:
-    """A cluster that runs: its commands."""
+    """A running SLURM cluster."""
 
     def __init__(self, directory: Path) -> None:
         self.environment = {"SLURM_CONF": str(directory / "slurm.conf"), "PATH": SBIN}
@@ -75,7 +75,7 @@ class Slurm:
         return sent.stdout.strip()
 
     def job(self, number: str) -> dict[str, str]:
-        """Return SLURM's description of a job; nothing if it has forgotten the job."""
+        """Return SLURM's description of a job, or an empty one if SLURM has forgotten the job."""
         said = self.command("scontrol", "show", "job", number).stdout.split()
         return dict(pair.split("=", 1) for pair in said if "=" in pair)
 
@@ -89,7 +89,7 @@ class Slurm:
 def slurm() -> Iterator[Slurm]:
     """Run the daemons for as long as the context lasts."""
     with TemporaryDirectory(prefix="slurm-") as name, ExitStack() as stack:
-        directory = Path(name)  # short: a socket's name has 107 bytes
+        directory = Path(name)  # a short path: the name of a socket in it has at most 107 bytes
         (directory / "state").mkdir()
         nodes = [
             f"NodeName={node} NodeHostname={socket.gethostname().partition('.')[0]} NodeAddr=127.0.0.1 "
@@ -111,7 +111,7 @@ def slurm() -> Iterator[Slurm]:
         files = {"socket": "munge.socket", "key-file": "munge.key", "log-file": "munged.log", "seed-file": "seed"}
         found = Slurm(directory)
         options = [f"--{option}={directory / file}" for option, file in {**files, "pid-file": "munged.pid"}.items()]
-        # --force: as root, and in a directory for temporary files.
+        # --force: munged otherwise refuses to run as root and in a temporary directory.
         stack.enter_context(_daemon(found, directory, "munged", "--foreground", "--force", *options))
         wait_until(lambda: (directory / "munge.socket").exists())
         stack.enter_context(_daemon(found, directory, "slurmctld", "-D"))

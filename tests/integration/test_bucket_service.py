@@ -1,4 +1,4 @@
-"""Surveys in a bucket by `rattle run` and by the service, killed in the middle and read through the front."""
+"""Surveys in a bucket, computed by `rattle run` and by the service: killed in the middle, and read over HTTP."""
 
 import os
 import re
@@ -57,7 +57,7 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert tiles_in(place) == MIDDLE
-    assert place.has(".lock")  # of a process that is known to be dead
+    assert place.has(".lock")  # the lock of a process that is known to be dead
     faults.release()
     ended = finish(*RUN, "--out", url, settings=settings)
     assert ended.returncode == 0, ended.stderr
@@ -70,7 +70,7 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
 def test_a_server_that_fails_in_five_of_a_hundred_requests_and_restarts(
     s3: S3, expected: dict[str, np.ndarray], tmp_path: Path
 ) -> None:
-    """The service sends no request that the documents do not name."""
+    """The service sends only the kinds of requests that the documentation names."""
     faults, url, target = Faults(tmp_path), f"s3://{BUCKET}/restarts/survey.zarr", f"s3://{BUCKET}/restarts/copy.zarr"
     place, settings = Bucket(url), faults.environment | s3.settings
     faults.hold(MIDDLE)

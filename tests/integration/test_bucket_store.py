@@ -1,4 +1,4 @@
-"""Stores in a bucket: the same bytes as on disk, whole or not there, one writer, nothing lost."""
+"""Stores in a bucket have the same bytes as on disk, appear complete or not at all, and have one writer."""
 
 import json
 import subprocess
@@ -52,7 +52,7 @@ def s3(storage: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
 
 @pytest.fixture(autouse=True)
 def _few_objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the curves, 190 of 216 objects of a template, except in the test that checks them."""
+    """Leave out the curves (190 of the 216 objects of a template), except in the test that checks them."""
     if request.function is not test_bytes_are_those_on_disk:
         monkeypatch.setattr("gear_rattle.workers.survey.template._write_curves", lambda *_: None)
 
@@ -87,7 +87,7 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
 
 @deep
 def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No temporary file of the join is left."""
+    """The join leaves no temporary file."""
     monkeypatch.setattr("gear_rattle.workers.families.join._curves", lambda *_: {})
     monkeypatch.setattr("gear_rattle.workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
     groups = {"quantities": ("attractors", "lyapunov", "families"), "initial_conditions": {"count": 4}}
@@ -131,7 +131,7 @@ def test_template_cut_short_is_built_again(url: str, monkeypatch: pytest.MonkeyP
             create_store(REQUEST, url)
     place = place_of(url)
     assert not place.exists()
-    assert len(list(place.keys())) == 11  # with its marker; the lock was released
+    assert len(list(place.keys())) == 11  # including its marker; the lock was released
     create_store(REQUEST, url)
     assert examine(url).template == ()
 
@@ -161,7 +161,7 @@ def test_one_writer(url: str) -> None:
         for second in (place_of(url).writing().__enter__, lambda: finish_store(url)):
             with pytest.raises(SurveyError, match="another run"):
                 second()
-    with place_of(url).writing():  # released
+    with place_of(url).writing():  # the lock was released
         pass
 
 

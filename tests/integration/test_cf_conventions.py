@@ -1,4 +1,4 @@
-"""Files for other programs keep the CF conventions, by the checker that people run on theirs."""
+"""Exported files keep the CF conventions, according to the public compliance checker."""
 
 import json
 import subprocess
@@ -27,12 +27,12 @@ def file_of(store: Path, out: Path) -> Path:
 
 
 def complaints(*files: Path) -> list[list[str]]:
-    """Return the checker's complaints about each file."""
+    """Return the complaints of the compliance checker about each file."""
     out = files[0].with_name("report.json")
     checks = ["--test=cf:1.11", "--criteria=strict", "--format=json_new", f"--output={out}"]
     done = subprocess.run(
         [CHECKER, *checks, *files], capture_output=True, text=True, timeout=HANG, check=False
-    )  # its status tells of complaints
+    )  # its exit status is not checked: it is nonzero if there are complaints
     assert out.exists(), done.stderr
     found = json.loads(out.read_text())
     return [
@@ -58,7 +58,7 @@ def third(tmp_path: Path) -> Path:
 
 
 def by_their_owners(store: Path) -> list[Path]:
-    """Write files as users do with `to_netcdf` of an open survey: as it is stored, and a part in other chunks."""
+    """Write files as users do, with `to_netcdf` of an open survey: in its own chunks, and a part in other chunks."""
     files = [store.with_name(f"{store.stem}-{how}.nc") for how in ("stored", "split")]
     with open_survey(store, as_stored=True) as survey:
         survey.to_netcdf(files[0], engine="h5netcdf")
@@ -73,7 +73,7 @@ def test_the_checker_of_cf_finds_nothing(tmp_path: Path) -> None:
     files += [file for store in stores for file in by_their_owners(store)]
     with xr.open_dataset(files[0], engine="h5netcdf") as survey:
         wrong = survey[["region"]].load()
-        wrong["region"].attrs["flag_values"] = np.array([0.0, 1.0])  # neither of its type nor one for each meaning
+        wrong["region"].attrs["flag_values"] = np.array([0.0, 1.0])  # wrong type, and too few values
         wrong.to_netcdf(tmp_path / "wrong.nc", engine="h5netcdf")
     *found, of_wrong = complaints(*files, tmp_path / "wrong.nc")
     assert found == [[]] * len(files)

@@ -1,4 +1,4 @@
-"""An embedded cluster executes what its own processes send, and nothing that another account of the machine does."""
+"""An embedded cluster executes what its own processes send, and nothing that another account of the machine sends."""
 
 import os
 import sys
@@ -18,13 +18,13 @@ from waiting import wait_until
 from gear_rattle.workers import embedded_cluster
 
 WORKERS = either(1, 2)
-#: Pages of dask's HTTP servers, if they were on.
+#: Pages that dask's HTTP servers would have if they were on.
 PAGES = ("", "status", "health", "metrics", "info/main/workers.html", "json/identity.json", "api/v1/")
 
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A place for temporary files where somebody else was before us, and made what dask looks for."""
+    """Return a temporary directory in which another account has already made dask's scratch directory, open to all."""
     shared = tmp_path_factory.mktemp("shared")
     (shared / "dask-scratch-space").mkdir()
     (shared / "dask-scratch-space").chmod(0o777)
@@ -44,7 +44,7 @@ def cluster(shared: Path) -> Iterator[Client]:
 
 @pytest.fixture(scope="module")
 def addresses(cluster: Client) -> list[str]:
-    """Return the addresses of the scheduler, the workers and their nannies."""
+    """Return the addresses of the scheduler, of the workers and of their nannies."""
     found = [
         cluster.scheduler.address,
         *cluster.nthreads(),
@@ -55,7 +55,7 @@ def addresses(cluster: Client) -> list[str]:
 
 
 def test_who_has_the_certificate_gets_in(cluster: Client, addresses: list[str], tmp_path: Path) -> None:
-    """The others are refused for want of it, not because they ask wrongly."""
+    """The other tests' requests are refused because they lack the certificate, not because they are malformed."""
     context = cluster.security.get_connection_args("client")["ssl_context"]
     pids = {os.getpid(), *(each.pid for each in nannies_of(os.getpid())), *cluster.run(os.getpid).values()}
     assert intrude(addresses, context, tmp_path / "executed") == pids
@@ -91,20 +91,20 @@ def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: P
     arguments = ("--workers", str(WORKERS))
     with server(tmp_path, port, *arguments, settings=settings) as process:
         wait_until(lambda: get(f"http://127.0.0.1:{port}/v1/health").json()["cluster"] == "ready")
-        assert get(f"http://127.0.0.1:{port}/v1/orbits?delta=0.6&epsilon=0.1").is_success  # a process for points
+        assert get(f"http://127.0.0.1:{port}/v1/orbits?delta=0.6&epsilon=0.1").is_success  # starts a process for points
         found = listening(process.pid)
         assert found.pop(("127.0.0.1", port)) == process.pid
         assert {address for address, _ in found} == {"127.0.0.1"}
         assert named_sockets(process.pid) == []
         answers = Counter(answer(each) for _, each in found)
-        # The scheduler, the nannies and the workers; and HTTP servers of the scheduler and the workers.
+        # Scheduler, nannies and workers have a port each; scheduler and workers have another for HTTP.
         assert answers == {CERTIFICATE_REQUIRED: 1 + 2 * WORKERS, "404": 1 + WORKERS}
         lists = [get(f"http://127.0.0.1:{each}/sitemap.json").json() for _, each in found if answer(each) == "404"]
         assert lists == [{"paths": ["/sitemap.json"]}] * (1 + WORKERS)
 
 
 def answer(port: int) -> str:
-    """Return the status of every page of a port, or how it refuses who has no certificate."""
+    """Return the status of every page of a port, or the error with which it refuses a client without a certificate."""
     try:
         return " ".join({str(get(f"http://127.0.0.1:{port}/{page}").status_code) for page in PAGES})
     except httpx.TransportError:

@@ -1,4 +1,4 @@
-"""The commands of docker-compose.yml, as they stand there, run as processes: PostgreSQL, scheduler, workers, front."""
+"""The commands of docker-compose.yml, run as processes: PostgreSQL, scheduler, workers, front end and proxy."""
 
 import re
 import shutil
@@ -33,7 +33,7 @@ def test_a_survey_through_everything(tmp_path: Path) -> None:
         stack.enter_context(here.started("scheduler"))
         for number in range(either(1, SERVICES["worker"]["deploy"]["replicas"])):
             stack.enter_context(here.started("worker", number))
-        assert here.run("front", *here.words(SERVICES["front"]["command"])).returncode == 2  # no key yet
+        assert here.run("front", *here.words(SERVICES["front"]["command"])).returncode == 2  # there is no API key yet
         added = here.run("front", "rattle", "key", "add", "me", "--scope", "submit")
         assert added.returncode == 0, added.stderr
         stack.enter_context(here.started("front"))
@@ -56,21 +56,21 @@ SLOW = {
 def test_the_proxy_cuts_off_slow_clients_and_passes_on_what_the_front_says(tmp_path: Path) -> None:
     here = Here(tmp_path, SERVICES)
     caddyfile = (ROOT / SERVICES["proxy"]["configs"][0]["target"].replace("/etc/caddy", "deploy")).read_text()
-    short = re.sub(r"read_(header|body) \d+s", r"read_\1 1s", caddyfile)  # or the test would take long
+    short = re.sub(r"read_(header|body) \d+s", r"read_\1 1s", caddyfile)  # so that the test does not take long
     assert short.count(" 1s\n") == 2
     (tmp_path / "Caddyfile").write_text(short.replace("http_port 8000", f"http_port {here.proxy}"))
     with server(tmp_path / "data", here.front), here.started("proxy", check=False), client_of(here.proxy) as client:
         wait_until(lambda: is_reached(client))
-        with pytest.raises(ResponseError, match="API key"):  # what comes through a proxy needs one
+        with pytest.raises(ResponseError, match="API key"):  # requests through a proxy need a key
             client.call("GET", "/v1/surveys")
         for name, sent in SLOW.items():
             with socket.create_connection(("127.0.0.1", here.proxy), timeout=HANG) as connection:
                 connection.sendall(sent)
-                assert not connection.recv(2**16).startswith(b"HTTP/1.1 2"), name  # the end, whatever it says
+                assert not connection.recv(2**16).startswith(b"HTTP/1.1 2"), name  # an error, or the end
 
 
 def is_reached(client: Client) -> bool:
-    """Return whether the proxy listens, and reaches the front end."""
+    """Return whether the proxy listens and reaches the front end."""
     try:
         return bool(client.call("GET", "/v1/health").json())
     except (ServiceError, httpx.TransportError):

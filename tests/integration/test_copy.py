@@ -1,4 +1,4 @@
-"""`rattle copy`: the same bytes elsewhere, whole or not there, and nothing that is damaged."""
+"""`rattle copy` writes the same bytes elsewhere, completely or not at all, and copies nothing that is damaged."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The server of the job database is lost for good, and its standby takes over in the middle of a survey."""
+"""The server of the job database is lost for good in the middle of a survey, and its standby takes over."""
 
 import signal
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ MIDDLE = 3  # tiles that are done while the others are held
 
 @pytest.fixture
 def primary() -> Iterator[Postgres]:
-    """Not that of the other tests: it does not come back."""
+    """Yield a database server of this test's own, because the test destroys it."""
     with closing(Postgres()) as server:
         yield server
 
@@ -44,16 +44,16 @@ def test_a_survey_goes_on_with_the_standby(primary: Postgres, tmp_path: Path) ->
             faults.release()
             standby.execute("SELECT pg_promote()")
             found = wait_until(lambda: answered(client, job.id))
-            assert found["tiles_done"] >= MIDDLE  # nothing that anybody was told of is lost
+            assert found["tiles_done"] >= MIDDLE  # no tile that the service had reported is lost
             assert job.wait().document["tiles_done"] == REQUEST.n_tiles
             assert_bit_identical(job.open(), serial_run(REQUEST))
             following = client.submit(REQUEST.model_copy(update={"seed": 1})).wait()
-            assert following.state == "successful"  # the lock is held and written as before
+            assert following.state == "successful"  # the service holds the lock and writes as before
     assert faults.executions().total() <= 2 * REQUEST.n_tiles + 1
 
 
 def answered(client: Client, survey_id: str) -> dict[str, int] | None:
-    """The document of a survey, once the database is found again."""
+    """Return the document of a survey, or None while the service has not found its database again."""
     try:
         found: dict[str, int] = client.job(survey_id).document
     except ResponseError as error:

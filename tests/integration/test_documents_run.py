@@ -1,4 +1,4 @@
-"""The Python of the documents, saved as a file as a reader does: nothing around it, and no guard."""
+"""The Python code of the documentation runs as a reader saves it: as a script without an `if __name__` guard."""
 
 import os
 import re
@@ -12,13 +12,13 @@ from service_processes import ENVIRONMENT, ROOT
 from waiting import HANG
 
 FEW = [(r", 61\)", ", 3)"), (r", 60\)", ", 3)"), (r", 31\)", ", 3)"), (r", 30\)", ", 3)")]
-#: The document says that its survey has families.
+#: Options of a survey with families, which one document assumes.
 WITH_FAMILIES = [*FEW, (r'out="backlash', 'quantities=("region", "attractors", "lyapunov", "families"), out="backlash')]
-#: Enough along an axis for levels, and for a cluster.
+#: Enough cells along δ for levels and for a cluster, and few along ε.
 LONG = [(r", 61\), epsilon=\(0.005, 0.3, 60\)", ', 513), epsilon=(0.005, 0.3, 2), initial_conditions={"count": 4}')]
 SURVEY = "from gear_rattle import run_survey\nrun_survey(delta=(0.5, 0.7, 4), epsilon=(0.05, 0.15, 4), out={!r}, {})\n"
 FAMILIES = 'quantities=("attractors", "lyapunov", "families"), cluster=1'
-#: What stands in a document instead of a number, or is there before: replacements, and a script that runs first.
+#: By document: replacements of placeholders in its code, and a script that runs before it.
 DOCUMENTS = [
     pytest.param("docs/how-to/surveys.md", LONG, "", id="surveys"),
     pytest.param("README.md", FEW, "", id="readme", marks=deep),
@@ -35,7 +35,8 @@ DOCUMENTS = [
     ),
     pytest.param("docs/proofs.md", [], SURVEY.format("survey.zarr", "certify=True"), id="proofs", marks=deep),
 ]
-#: Run by test_engineers.py; a recipe, carried out by test_map.py; for a service, a bucket and clusters of others.
+#: Documents that are not run here: test_engineers.py runs one, test_map.py carries out a recipe, and the others need a
+#: service, a bucket or an existing cluster.
 ELSEWHERE = {"docs/engineers.md", "docs/map.md", "docs/how-to/service.md", "docs/operations.md"}
 
 

@@ -67,14 +67,14 @@ def cluster(faults: Faults) -> Iterator[Client]:
 
 @pytest.fixture(autouse=True)
 def _nobody_is_kept(faults: Faults) -> Iterator[None]:
-    """Release what a failed test has held, because other tests have the same workers."""
+    """Release what a failed test has held, because other tests use the same workers."""
     yield
     faults.release()
 
 
 @pytest.fixture
 def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A file that keeps every part of WINDOW waiting but those of its coarsest level, as long as it is there."""
+    """Create a file; while it exists, every part of WINDOW waits, except those of the coarsest level."""
     gate = tmp_path / "gate"
     gate.touch()
     survey = window_survey(REQUEST, WINDOW, PIXELS)
@@ -87,7 +87,7 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def behind(
     gate: Path, coarsest: tuple[set[float], set[float]], survey: SurveyRequest, variable: str, index: int, *axes: Any
 ) -> Any:
-    """Compute the coarsest part of a window at once, further ones when the gate is open."""
+    """Compute the coarsest part of a window at once, and further parts once the gate is open."""
     if not all(known.issuperset(values) for known, values in zip(coarsest, axes, strict=True)):
         wait_for(gate.exists)
     return compute_part(survey, variable, index, *axes)
@@ -101,7 +101,7 @@ def wait_for(blocked: Callable[[], bool]) -> None:
 
 @asynccontextmanager
 async def service(data: Path, open_cluster: Callable[[], Any], **settings: Any) -> AsyncIterator[tuple[Front, Any]]:
-    """Yield the state of the routes, once the cluster is there, and a client of the application."""
+    """Yield the state of the routes and a client of the application, once the cluster is ready."""
     app = create_app(Settings(data=data, **settings), open_cluster)
     async with app.router.lifespan_context(app):
         front: Front = app.state.front
@@ -112,7 +112,7 @@ async def service(data: Path, open_cluster: Callable[[], Any], **settings: Any) 
 
 
 def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None]], **settings: Any) -> None:
-    """Run a test in an event loop, with a service that borrows the cluster."""
+    """Run a test in an event loop, with a service that uses the cluster of the module."""
 
     @contextmanager
     def borrowed() -> Iterator[Client]:
@@ -126,7 +126,7 @@ def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None
 
 
 def shown(front: Front, variable: str, index: int = 0) -> Any:
-    """Frames of the window."""
+    """Return the frames of the window."""
     return refine_window(front, REQUEST, variable, index, WINDOW, PIXELS)
 
 
@@ -135,12 +135,12 @@ async def all_frames(front: Front, variable: str, index: int = 0) -> list[Frame]
 
 
 def has_part(dask_worker: Worker) -> bool:
-    """Return whether a part of a window has arrived at a worker, which may be after the scheduler has sent it."""
+    """Return whether a part of a window has arrived at a worker; that may be later than the scheduler sends it."""
     return any(str(key).startswith("window") for key in dask_worker.state.tasks)
 
 
 def parts(cluster: Client) -> int:
-    """Parts of windows that the scheduler has given to workers, whether they have arrived or not."""
+    """Return how many parts of windows the scheduler has sent to workers, arrived or not."""
     return sum(str(key).startswith("window") for keys in cluster.processing().values() for key in keys)
 
 
@@ -151,7 +151,7 @@ def parts(cluster: Client) -> int:
 def test_frames_become_the_survey_of_the_window(
     tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch, variable: str, index: int
 ) -> None:
-    monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "FRAME_SECONDS", 0.0)  # as where every part takes long
+    monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "FRAME_SECONDS", 0.0)  # a frame after every part
 
     async def body(front: Front, _: Any) -> None:
         survey = window_survey(REQUEST, WINDOW, PIXELS)
@@ -163,7 +163,7 @@ def test_frames_become_the_survey_of_the_window(
         frames = []
         async for frame in shown(front, variable, index):
             frames.append(frame)
-            gate.unlink(missing_ok=True)  # the first one, of the coarsest level, has been seen
+            gate.unlink(missing_ok=True)  # the first frame, of the coarsest level, has been seen
         last = frames[-1]
         np.testing.assert_array_equal(last.values, expected)
         np.testing.assert_array_equal(last.delta, delta)
@@ -174,7 +174,7 @@ def test_frames_become_the_survey_of_the_window(
         sizes, done = [frame.values.size for frame in frames], [frame.done for frame in frames]
         assert sizes == sorted(sizes)
         assert done == sorted(set(done))
-        for frame in frames[:1]:  # all that it shows has been computed
+        for frame in frames[:1]:  # the first frame shows everything that has been computed
             step = (len(delta) - 1) // (len(frame.delta) - 1)
             np.testing.assert_array_equal(frame.values, expected[::step, ::step])
 
@@ -193,16 +193,16 @@ def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster
         waiting = [submit(others.exists, workers=[worker]) for worker in cluster.nthreads() for _ in range(10)]
         window = asyncio.create_task(all_frames(front, "region"))
         await eventually(lambda: any(cluster.run(has_part).values()))
-        first.unlink()  # each worker takes what is next: the window, or what never ends
+        first.unlink()  # each worker takes its next task: the window, or one that never ends
         assert len(await asyncio.wait_for(window, HANG)) == 1
-        await eventually(lambda: all(future.status == "finished" for future in begun))  # one of them may come later
+        await eventually(lambda: all(future.status == "finished" for future in begun))  # one of them may end later
         assert not any(future.done() for future in waiting)
         others.unlink()
         await asyncio.to_thread(cluster.cancel, waiting)
 
     try:
         run(tmp_path, cluster, body)
-    finally:  # or the workers of the other tests never end it
+    finally:  # otherwise the tasks would occupy the workers of the other tests for ever
         first.unlink(missing_ok=True)
         others.unlink(missing_ok=True)
 
@@ -214,7 +214,7 @@ def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client
         survey_id = answer.json()["id"]
         await eventually(lambda: front.database.job(survey_id).tiles_done > 0)
         window = asyncio.ensure_future(all_frames(front, "lyapunov_max"))
-        await asyncio.wait([window], timeout=20)  # a part of it may wait behind the tile that is held
+        await asyncio.wait([window], timeout=20)  # one of its parts may wait behind the tile that is held
         assert front.database.job(survey_id).state == "running"
         faults.release()
         assert (await window)[-1].done == 1
@@ -230,18 +230,18 @@ def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
 ) -> None:
     monkeypatch.setattr(
         gear_rattle.workers.cluster.refinement, "PART_SECONDS", 0
-    )  # of a cell each, so that some must wait
+    )  # parts of one cell each, so many that some must wait
 
     async def body(front: Front, _: Any) -> None:
         async with aclosing(shown(front, "lyapunov_max")) as frames:
             assert (await anext(frames)).done < 0.5
             second = asyncio.ensure_future(anext(frames))
-            await eventually(lambda: parts(cluster) > THREADS)  # at work for ever, and behind them
+            await eventually(lambda: parts(cluster) > THREADS)  # some run for ever, and others wait behind them
             assert not second.done()
             second.cancel()
             await asyncio.wait([second])
-        await eventually(lambda: parts(cluster) == 0)  # although what is at work does not end
-        # A task that is cancelled gives up, too, and neither keeps its turn.
+        await eventually(lambda: parts(cluster) == 0)  # although the running parts do not end by themselves
+        # A task that is cancelled gives up as well, and keeps no place among the waiting.
         for _ in range(3):
             task = asyncio.create_task(all_frames(front, "lyapunov_max"))
             await eventually(lambda: parts(cluster) > 0)
@@ -268,14 +268,14 @@ def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
         coarse, first = [(await http.get(f"{here}/map.png", params=each)).content for each in (asked, fine)]
         expected = (await all_frames(front, "quiet_fraction"))[-1]
         windows = http._transport.app.state.overlaid.windows
-        beyond = fine | {"delta_min": -0.3, "delta_max": -0.1}  # where the page has the survey's cells, too: none
+        beyond = fine | {"delta_min": -0.3, "delta_max": -0.1}  # outside of the survey: the page shows no cells there
         assert (await http.get(f"{here}/map.png", params=beyond)).status_code == 200
-        monkeypatch.setattr(service_windows, "refine_window", None)  # what is kept is not computed again
+        monkeypatch.setattr(service_windows, "refine_window", None)  # a window that is kept is not computed again
         again = await http.get(f"{here}/map.png", params=fine)
         kept = await windows.finest(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
         np.testing.assert_array_equal(kept.values, expected.values)
         assert coarse != first == again.content
-        for variable in ("attractor_phase", "region"):  # of a survey alone; in a whole one cells are fine enough
+        for variable in ("attractor_phase", "region"):  # no window has it; the cells are fine enough
             few = fine if variable != "region" else {"pixels_delta": 20, "pixels_epsilon": 20}
             answer = await http.get(f"{here}/map.png", params=few | {"variable": variable})
             assert answer.status_code == 200
@@ -324,7 +324,7 @@ def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
 
 @deep
 def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path, gate: Path) -> None:
-    """The scheduler goes away under a window, with no survey that would notice; the next window has a new one."""
+    """The scheduler ends under a window while no survey runs that would notice; the next window has a new scheduler."""
     opened: list[Client] = []
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""A scheduler that is lost, or killed and started again, under a service that goes on by itself."""
+"""The scheduler of a service is lost, or killed and started again; the service resumes its survey by itself."""
 
 import subprocess
 import sys
@@ -42,7 +42,7 @@ def dask(faults: Faults, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 class Cluster(IdleClient):
-    """Enough of a dask client for surveys whose tiles are computed here, until its scheduler is lost."""
+    """Stands in for a dask client, for surveys whose tiles this process computes until the scheduler is lost."""
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
@@ -81,7 +81,7 @@ def test_another_cluster_goes_on_where_one_was_lost(
         assert (document["state"], document["tiles_done"]) == ("successful", REQUEST.n_tiles), document["message"]
         assert client.get("/v1/health").json()["cluster"] == "ready"
     assert_bit_identical(open_survey(tmp_path / "surveys" / f"{document['id']}.zarr"), serial_run(REQUEST))
-    assert computed == Counter([*range(REQUEST.n_tiles), MIDDLE])  # nothing twice but the tile that was at work
+    assert computed == Counter([*range(REQUEST.n_tiles), MIDDLE])  # only the running tile is repeated
 
 
 @deep
@@ -111,4 +111,4 @@ def test_killed_and_started_again(tmp_path: Path) -> None:
         job.wait()
         assert_bit_identical(job.open(), serial_run(REQUEST))
     assert set(faults.executions()) == set(range(REQUEST.n_tiles))
-    assert faults.executions().total() <= REQUEST.n_tiles + 1  # only the tile that was at work
+    assert faults.executions().total() <= REQUEST.n_tiles + 1  # only the running tile is repeated

@@ -1,4 +1,4 @@
-"""The service killed at every instant of a survey's life, and dismissals, deletions and repairs by REST."""
+"""The service is killed at every instant of a survey's life; surveys are dismissed, deleted and repaired by REST."""
 
 import json
 import signal
@@ -22,7 +22,7 @@ from gear_rattle.workers import SurveyRequest, open_survey, run_survey
 
 N_TILES = REQUEST.n_tiles
 
-#: Where the service kills itself; together, in this order, they are the life of one survey.
+#: Instants at which the service kills itself, in the order in which they occur in the life of one survey.
 INSTANTS = {
     "template creation": """
         @patch("gear_rattle.workers.storage.location")
@@ -93,7 +93,7 @@ STATUS_HALF_WRITTEN = """
         last = at_call({}, die)
         before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and last())
 """
-#: Those without which a protection would not be missed (protections.py).
+#: The instants that are needed for protections.py to notice that a protection is missing.
 TELLING = (
     "template creation",
     "tile half written",
@@ -123,7 +123,7 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
             assert "date_completed" in job.open().attrs
     assert executed["template creation"] == executed.get("template renamed", 0) == 0
     assert executed["tile half written"] == 3
-    # One worker has one tile at work: at most one is computed again after each death before the last tile.
+    # One worker computes one tile at a time: each death before the last tile repeats at most one tile.
     assert executed["dated, not published"] <= N_TILES + 4
     assert faults.executions().total() == executed.get("all tiles done", executed["dated, not published"])
     assert set(faults.executions()) == set(range(N_TILES))
@@ -131,9 +131,7 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
 
 @deep
 def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the middle of its tiles, and of a further round: the bytes are those of a run in this process, and the values
-    those of other tiles.
-    """
+    """Killed among its tiles and in a further round, it has the bytes of a run here, and the values of other tiles."""
     faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
     job = None
     with client_of(port) as client:
@@ -154,7 +152,7 @@ def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatc
 
 @contextmanager
 def killing_itself(port: int, data: Path, faults: Faults, when: object) -> Iterator[None]:
-    """A service, and that it has killed itself at the end."""
+    """Run a service that must have killed itself by the end of the context."""
     process = start("serve", "--port", str(port), "--data", str(data), settings=faults.environment)
     try:
         yield
@@ -167,7 +165,7 @@ def killing_itself(port: int, data: Path, faults: Faults, when: object) -> Itera
 def try_to_submit(client: Client, request: SurveyRequest) -> Any:
     try:
         return client.submit(request)
-    except ServiceError:  # it does not listen yet
+    except ServiceError:  # the service does not listen yet
         return None
 
 
@@ -214,7 +212,7 @@ def test_a_dismissal_ends_the_work_and_a_deletion_the_store(
     faults.hold(0)
     job = client.submit(REQUEST)
     store = data / "surveys" / f"{job.id}.zarr"
-    wait_until(lambda: faults.executions().total() == 2)  # two tiles that do not end
+    wait_until(lambda: faults.executions().total() == 2)  # two tiles run, and do not end
     at_work = [each.pid for each in workers_of(pid)]
     assert len(at_work) == 2
     job.delete()
@@ -235,14 +233,14 @@ def deleted(job: Any) -> bool:
     try:
         job.delete()
     except ResponseError as error:
-        if error.status != 409:  # its last tiles still end
+        if error.status != 409:  # 409: its last tiles are still being stopped
             raise
         return False
     return True
 
 
 def test_a_survey_that_is_being_prepared_can_be_dismissed(service: tuple[Client, int], faults: Faults) -> None:
-    """An earlier version traced its curves for minutes in the thread that manages all surveys."""
+    """An earlier version traced the curves for minutes in the thread that manages all surveys."""
     client, pid = service
     job = client.submit(REQUEST.model_copy(update={"name": ENDLESS}), force=True)
     wait_until(lambda: faults.notes("tracing"))
@@ -252,13 +250,13 @@ def test_a_survey_that_is_being_prepared_can_be_dismissed(service: tuple[Client,
     wait_until(lambda: not psutil.pid_exists(tracing))
     wait_until(lambda: deleted(job))
     assert client.submit(REQUEST, force=True).wait().state == "successful"
-    assert len(faults.notes("tracing")) == 1  # nobody has tried again
+    assert len(faults.notes("tracing")) == 1  # the curves were not traced a second time
 
 
 def test_a_damaged_root_is_mended_on_request(
     service: tuple[Client, int], data: Path, faults: Faults, expected: dict[str, np.ndarray]
 ) -> None:
-    """Verification ended as successful over it, and repair rewrote every chunk in another type."""
+    """An earlier version verified such a store as successful, and its repair rewrote every chunk in another type."""
     client, _ = service
     job = client.submit(REQUEST, force=True).wait()
     root = data / "surveys" / f"{job.id}.zarr" / "zarr.json"

@@ -1,4 +1,4 @@
-"""A disk that fills, a store that becomes read-only, chunks that are damaged or lost: nothing wrong, nothing lost."""
+"""Full disks, read-only stores, and damaged or lost chunks cause neither wrong nor lost results."""
 
 import json
 import os
@@ -25,7 +25,7 @@ from gear_rattle.workers.survey.tiles import tiles_of
 OPTIONS = ["--delta", "0.58:0.78:8", "--epsilon", "0.05:0.24:8", "--count", "4", "--tile", "2x2"]
 N_TILES = REQUEST.n_tiles
 MIDDLE = 5  # tiles that are done while the others are held
-SMALL, LARGE = "size=1500k", "size=64m"  # one holds the template and some of the tiles
+SMALL, LARGE = "size=1500k", "size=64m"  # SMALL has room for the template and some tiles
 
 
 def mount(disk: Path, options: str) -> None:
@@ -34,7 +34,7 @@ def mount(disk: Path, options: str) -> None:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of its own, so small that a survey does not fit."""
+    """Mount a file system that is too small for the survey."""
     path = tmp_path / "disk"
     path.mkdir()
     if os.geteuid() != 0:
@@ -58,7 +58,7 @@ def test_a_run_on_a_full_disk_is_resumed(disk: Path, tmp_path: Path, expected: d
     done = len(tiles_done(REQUEST, out))
     assert 0 < done < N_TILES
     before = faults.executions().total()
-    assert before <= done + 2  # it does not go on against a wall
+    assert before <= done + 2  # it does not go on computing what cannot be written
 
     mount(disk, f"remount,ro,{LARGE}")
     read_only = finish(*command, settings=faults.environment)
@@ -101,12 +101,13 @@ def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: d
         wait_until(lambda: client.call("GET", "/v1/health").json()["status"] == "ok")
         assert_bit_identical(job.open(), expected)
     assert set(faults.executions()) == set(range(N_TILES))
-    assert faults.executions().total() <= N_TILES + 2 * faults.notes("try").total()  # it does not go on against a wall
+    # Each try ends at once when a tile cannot be written.
+    assert faults.executions().total() <= N_TILES + 2 * faults.notes("try").total()
 
 
 @deep
 def test_a_service_waits_for_its_data_directory(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
-    """A disk that is unmounted in the middle of a survey, which is not computed into what is in its place."""
+    """While the disk is unmounted, the survey waits; nothing is written into the directory in its place."""
     faults, port, data, away = Faults(tmp_path), free_port(), tmp_path / "data", tmp_path / "away"
     faults.hold(MIDDLE)
     with (
@@ -129,11 +130,11 @@ def test_a_service_waits_for_its_data_directory(tmp_path: Path, expected: dict[s
         wait_until(lambda: client.call("GET", "/v1/health").json()["status"] == "ok")
         assert_bit_identical(job.open(), expected)
     assert set(faults.executions()) == set(range(N_TILES))
-    assert faults.executions().total() <= N_TILES + 1  # the tile that was at work
+    assert faults.executions().total() <= N_TILES + 1  # the running tile may be repeated
 
 
 def remounted(disk: Path, options: str) -> bool:
-    """Between two tries: a file open for writing forbids it."""
+    """Return whether the disk could be remounted; while a file is open for writing, it cannot."""
     try:
         mount(disk, options)
     except subprocess.CalledProcessError:
@@ -152,7 +153,7 @@ def store(tmp_path: Path) -> Path:
 
 
 def verify(path: Path) -> Result:
-    """The command, in this process."""
+    """Run `rattle verify` in this process."""
     return CliRunner().invoke(app, ["verify", str(path)])
 
 
@@ -171,7 +172,7 @@ def test_damaged_and_lost_chunks_are_found_and_computed_again(
     lost = "orbit_exists"
     blank = next(tile for tile in tiles_of(REQUEST) if not expected[lost][:, tile.epsilon, tile.delta].any())
     row, column = divmod(blank.index, 4)
-    (store / lost / "c" / "0" / str(row) / str(column)).unlink()  # fill values only, and yet it had a file
+    (store / lost / "c" / "0" / str(row) / str(column)).unlink()  # a chunk of fill values only has a file, too
     flip(store / "status" / "c" / "1" / "1")
     flip(store / "delta" / "c" / "0")
     (store / "curves" / "G1" / "zarr.json").write_text("{}")
@@ -183,7 +184,7 @@ def test_damaged_and_lost_chunks_are_found_and_computed_again(
     assert found.damaged == damage
     assert set(found.template) == {"zarr.json", "delta/c/0", "curves/G1/zarr.json"}
     assert found.done == set(range(N_TILES)) - set(damage)
-    with pytest.raises(ValueError, match="checksum"):  # plain xarray fails loudly
+    with pytest.raises(ValueError, match="checksum"):  # plain xarray raises as well
         _ = xr.open_zarr(store)["attractor_phase"].values
 
     told = finish("verify", str(store))

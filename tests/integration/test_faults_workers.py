@@ -1,4 +1,4 @@
-"""Workers that are killed, frozen, poisoned or no longer wanted: the same bits, and executions counted."""
+"""Workers are killed, frozen, poisoned or stopped: the survey has the same bits, and executions are counted."""
 
 import os
 import random
@@ -38,8 +38,8 @@ from gear_rattle.workers.survey.values.evaluate import FAILED
 TILES = tiles_of(REQUEST)
 N_TILES = REQUEST.n_tiles
 DELTA, EPSILON = REQUEST.delta.values(), REQUEST.epsilon.values()
-#: Cells (row, column) of the survey that is poisoned, whose seed says so: one kills the process that evaluates it,
-#: another raises.
+#: Cells (row, column) of the survey POISONED, which the patch recognizes by its seed: the first kills the process that
+#: evaluates it, the second raises.
 DEADLY, RAISING = (4, 3), (1, 6)
 POISONED = REQUEST.model_copy(update={"seed": 13})
 POISON = """
@@ -56,7 +56,8 @@ POISON = """
                 raise FloatingPointError("no such cell")
         before(tiles, "_evaluate", act)
 """
-#: A cell that never ends, and what the system does to its process apart, at once.
+#: A survey with a cell that never ends. In the separate process of a tile, the patch sends at once the signal with
+#: which the system would end it at its limit of processor time.
 ENDLESS = REQUEST.model_copy(update={"seed": 14})
 ENDLESS_CELL = (3, 5)
 NEVER_ENDING = """
@@ -73,7 +74,7 @@ NEVER_ENDING = """
                     time.sleep(0.01)
         before(tiles, "_evaluate", act)
 """
-#: A worker that is frozen as it is asked for a result, once after the word was given.
+#: A worker that freezes once when its result is requested, after the fault was armed.
 FREEZING = """
     @patch("distributed.worker")
     def freezing(worker):
@@ -85,7 +86,7 @@ FREEZING = """
 """
 
 CREATED = "2026-11-22T12:00:00+00:00"
-#: A survey whose curves kill the processes that trace them, as often as its seed says from 100 on.
+#: For surveys whose seed is 100 + n: the first n processes that trace the curves are killed.
 DEADLY_CURVES = """
     @patch("gear_rattle.workers.survey.template")
     def deadly(template):
@@ -99,8 +100,8 @@ DEADLY_CURVES = """
 """
 
 
-#: Tiles of the survey that has to meet a bound kill the process that has half written them: the fourth, and the second
-#: of those that go through a further round.
+#: Tiles of the survey BOUNDED that kill their process when they are half written: the fourth tile, and one of those
+#: that go through a further round.
 DEADLY_WRITES = """
     @patch("gear_rattle.workers.storage.location")
     def deadly(location):
@@ -119,7 +120,7 @@ DEADLY_WRITES = """
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
-    """Faults in every worker of this module."""
+    """Inject the faults into every worker of this module."""
     faults = Faults(tmp_path_factory.mktemp("faults"))
     row, column = ENDLESS_CELL
     faults.inject(
@@ -144,13 +145,13 @@ def faults(environment: Faults) -> Iterator[Faults]:
 
 @pytest.fixture(autouse=True)
 def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine may be so busy that a worker takes minutes to come back."""
+    """Allow for a busy machine, on which a worker takes minutes to be replaced."""
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
 
 
 @pytest.fixture(scope="module")
 def client(environment: Faults) -> Iterator[Client]:  # noqa: ARG001
-    """Two workers whose silence is borne for long."""
+    """Start two workers that are not replaced when they are silent."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gear_rattle.workers.cluster.cluster, "SILENT_SECONDS", HANG)
         with embedded_cluster(2) as client:
@@ -165,7 +166,7 @@ def store(tmp_path: Path) -> Path:
 
 
 def run(store: Path, client: Client, act: Callable[[int], None] = lambda _: None) -> list[TileRecord]:
-    """Run to the end; act is called with the number of tiles done after each."""
+    """Run the survey to its end, and call `act` after each tile with the number of tiles done."""
     records: list[TileRecord] = []
 
     def on_tile(record: TileRecord) -> None:
@@ -179,7 +180,7 @@ def run(store: Path, client: Client, act: Callable[[int], None] = lambda _: None
 
 
 def pids(client: Client) -> list[int]:
-    """Return the worker processes of this cluster that live, frozen or not."""
+    """Return the living worker processes of a cluster, including frozen ones."""
     return [worker.pid for worker in client.cluster.scheduler.workers.values() if psutil.pid_exists(worker.pid)]
 
 
@@ -202,7 +203,7 @@ def test_workers_killed_at_random(faults: Faults, client: Client, store: Path, e
     assert_bit_identical(open_survey(store), expected)
     executed = faults.executions()
     assert set(executed) == set(range(N_TILES))
-    # Only what a dead worker was at is computed again, or had just ended.
+    # Per death, at most two tiles are repeated: the one that ran, and one that had just ended.
     assert executed.total() <= N_TILES + 2 * len(killed)
     wait_until(lambda: replaced(client, *killed))
 
@@ -213,7 +214,7 @@ def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
 ) -> None:
     monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", SPARE)
     run_survey(BOUNDED, out=tmp_path / "bounded.zarr", cluster=client).close()
-    assert faults.notes("written").total() >= 2 * BOUNDED.n_tiles  # a further round
+    assert faults.notes("written").total() >= 2 * BOUNDED.n_tiles  # there was a further round
     assert faults.notes("dead").total() == 2
     with run_survey(BOUNDED, out=tmp_path / "here.zarr") as here:
         assert here.attrs["refined_wrong_share_upper"] <= BOUNDED.refine.bound  # type: ignore[union-attr]
@@ -224,8 +225,8 @@ def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
 def test_a_frozen_worker_is_replaced(
     faults: Faults, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "SILENT_SECONDS", 1)  # dask makes it 5 at least
-    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", HANG)  # nobody else helps
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "SILENT_SECONDS", 1)  # dask's minimum is 5 s
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", HANG)  # late tiles are not repeated
     with embedded_cluster(2) as client:
         before = pids(client)
         victim = before[0]
@@ -235,25 +236,25 @@ def test_a_frozen_worker_is_replaced(
         ended = faults.processes() - {*pids(client)}
     assert not any(record.failed_cells for record in records)
     assert_bit_identical(open_survey(store), expected)
-    assert faults.executions().total() <= N_TILES + 2 * len(ended)  # more than one if others were silent, too
+    assert faults.executions().total() <= N_TILES + 2 * len(ended)  # other workers may be silent as well
 
 
 def test_a_tile_of_a_frozen_worker_is_repeated_elsewhere(
     faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The scheduler waits for minutes, as that of an existing cluster does."""
+    """The scheduler waits minutes for the silent worker, as the scheduler of an existing cluster does."""
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", 0.1)
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     victim = pids(client)[0]
     run(store, client, lambda done: os.kill(victim, signal.SIGSTOP) if done == 5 else None)
     before = snapshot(store)
-    os.kill(victim, signal.SIGCONT)  # it goes on with its tile, and with the write
+    os.kill(victim, signal.SIGCONT)  # it goes on with its tile, and writes it
     wait_until(lambda: psutil.Process(victim).status() != psutil.STATUS_STOPPED)
     assert client.run(os.getpid).keys() == client.nthreads().keys()
     wait_until(lambda: not any(client.processing().values()))
     assert snapshot(store) == before
     assert_bit_identical(open_survey(store), expected)
-    # At each once, however slow they are, and again at the frozen one if it had ended there.
+    # Each worker computes a tile at most once, however slow, and the frozen one once more if it had ended the tile.
     assert max(faults.executions().values()) <= 3
 
 
@@ -263,7 +264,7 @@ def test_a_result_that_a_frozen_worker_holds_is_not_waited_for(
     """The worker freezes when its result is requested: the tile is repeated, and so are later tiles sent to it."""
     monkeypatch.setattr(
         gear_rattle.workers.cluster.submission, "LATE_SECONDS", 10 * POLL_SECONDS
-    )  # asked for many times till then
+    )  # the result is requested many times until then
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     try:
         run(store, client, lambda done: faults.arm("freezing") if done == 5 else None)
@@ -276,13 +277,13 @@ def test_a_result_that_a_frozen_worker_holds_is_not_waited_for(
 
 
 def snapshot(path: Path) -> dict[str, bytes]:
-    """Return finished files, without those that the frozen worker or another one at the same tile is writing."""
+    """Return the content of the finished files, without temporary files that workers are writing."""
     written = (file for file in path.rglob("*") if ".partial" not in file.name and file.is_file())
     return {str(file.relative_to(path)): file.read_bytes() for file in written}
 
 
 def test_curves_whose_processes_are_killed_are_traced_again(faults: Faults, client: Client) -> None:
-    """The processes of a dismissed survey may be given the curves of the next one as they end."""
+    """A process that ends because its survey was dismissed may just have been given the curves of the next one."""
     request = REQUEST.model_copy(update={"seed": 102})
     assert template_on(client, request, CREATED, lambda: False) == template_of(request, CREATED)
     assert faults.notes("curves").total() == 3
@@ -324,10 +325,10 @@ def test_a_poison_cell_is_the_only_one_lost(faults: Faults, client: Client, tmp_
         for tile in TILES
         if row in range(*tile.epsilon.indices(8)) and column in range(*tile.delta.indices(8))
     )
-    assert executed[guilty] == 3  # two workers died of it, and once apart
-    assert executed.total() <= N_TILES + 4  # a death can take the record of the tile before with it
+    assert executed[guilty] == 3  # it killed two workers, and then ran in a separate process
+    assert executed.total() <= N_TILES + 4  # a worker may die before it reports its previous tile
     assert faults.notes("cells")[f"{DELTA[column]:.6f} {EPSILON[row]:.6f} 1"] == 2
-    assert faults.notes("cells")[f"{DELTA[column - 1]:.6f} {EPSILON[row]:.6f} 1"] == 1  # its neighbour
+    assert faults.notes("cells")[f"{DELTA[column - 1]:.6f} {EPSILON[row]:.6f} 1"] == 1  # the cell beside it
     wait_until(lambda: len(client.nthreads()) == 2)
 
 
@@ -351,7 +352,7 @@ def test_unwanted_tiles_end_at_once(faults: Faults, client: Client, store: Path)
 def test_a_cell_that_never_ends_is_the_only_one_lost(
     faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its tile is taken from the worker and computed apart, where each cell has a limit of processor time."""
+    """Its tile is taken from the worker, and computed in a separate process with a limit of processor time per cell."""
     path = tmp_path / "endless.zarr"
     create_store(ENDLESS, path)
     records: list[TileRecord] = []
@@ -360,7 +361,8 @@ def test_a_cell_that_never_ends_is_the_only_one_lost(
     looks: list[float] = []
 
     def should_stop() -> bool:
-        if len(records) == N_TILES - 1:  # alone, and for one look: two ends at once count as two deaths of a third
+        # Only the endless tile is left. The limit holds for one call, so that the tile is taken from one worker.
+        if len(records) == N_TILES - 1:
             looks.append(HANG if looks else 0.0)
             monkeypatch.setattr(gear_rattle.workers.cluster.submission, "TILE_SECONDS", looks[-1])
         return False
@@ -370,8 +372,9 @@ def test_a_cell_that_never_ends_is_the_only_one_lost(
     failed = {(i, j): message for record in records for i, j, message in record.failed_cells}
     assert failed == {ENDLESS_CELL: f"took more than {CELL_SECONDS} s of processor time"}
     limits = sorted(int(left) for left in faults.notes("endless"))
-    assert limits[0] < 0  # on the worker there is none
-    assert limits[1:] == [pytest.approx(CELL_SECONDS, abs=2)]  # apart: only once, and what had gone before not counted
+    assert limits[0] < 0  # the worker itself has no limit
+    # The separate process evaluates the cell once, and its limit does not count the time of the cells before.
+    assert limits[1:] == [pytest.approx(CELL_SECONDS, abs=2)]
     survey = open_survey(path, as_stored=True).load()
     assert survey["status"].values[ENDLESS_CELL] == FAILED
     whole = survey["status"].values != FAILED

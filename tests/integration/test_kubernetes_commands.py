@@ -10,7 +10,7 @@ from containers import Here, database
 from manifests import KUBERNETES, SECRET, services, written
 from service_processes import REQUEST, assert_bit_identical, client_of, serial_run
 
-#: What the operator sets.
+#: Environment variables that the operator of dask sets in its containers.
 OF_THE_OPERATOR = {
     "DASK_WORKER_NAME": "rattle-default-worker-1",
     "DASK_SCHEDULER_ADDRESS": "tcp://rattle-scheduler:8786",

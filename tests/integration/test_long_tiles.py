@@ -1,4 +1,4 @@
-"""Tiles of seconds, and what happens in the middle of them: a kill, a freeze, a clock that is set. The same bits."""
+"""A kill, a freeze and a change of the clock in the middle of tiles that take seconds do not change the results."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from waiting import HANG, wait_until
 
 from gear_rattle.workers import SurveyRequest, examine, open_survey
 
-STARTS = 65536  # of each cell: a tile computes for four seconds
+STARTS = 65536  # initial conditions per cell; a tile then computes for about four seconds
 REQUEST = SurveyRequest(
     delta={"start": 0.5, "stop": 0.6, "num": 6},
     epsilon={"start": 0.05, "stop": 0.2, "num": 6},
@@ -25,9 +25,9 @@ REQUEST = SurveyRequest(
     tile={"delta": 2, "epsilon": 2},
 )
 OPTIONS = ["--delta", "0.5:0.6:6", "--epsilon", "0.05:0.2:6", "--count", str(STARTS), "--tile", "2x2"]
-BEGUN = 0.1  # seconds of its processor time that a tile has had when something happens
+BEGUN = 0.1  # seconds of processor time that a tile has used before a fault happens
 DAY = 86_400.0
-#: A wall clock for every process, dask's scheduler included, that is set by writing to a file.
+#: A wall clock for every process, including dask's scheduler, that is set by writing an offset to a file.
 CLOCK = """
 real, SET = time.time, {!r}
 
@@ -52,21 +52,21 @@ def count_ends(tiles):
 
 @pytest.fixture
 def faults(tmp_path: Path) -> Faults:
-    """Faults in every process, and a clock that :func:`turn` sets."""
+    """Inject into every process a clock that :func:`turn` sets."""
     faults = Faults(tmp_path)
     faults.inject(CLOCK.format(str(tmp_path / "clock")))
     return faults
 
 
 def turn(directory: Path, seconds: float) -> None:
-    """Set every clock forward."""
+    """Set the clock of every process to an offset from the real time."""
     new = directory / "clock.new"
     new.write_text(str(seconds))
     new.rename(directory / "clock")
 
 
 def in_the_middle(faults: Faults) -> int:
-    """A process that computes a tile, and has for a while."""
+    """Return the id of a process that has computed its current tile for a while."""
     seen: dict[tuple[int, int], float] = {}
 
     def found() -> int:
@@ -92,7 +92,7 @@ def test_a_kill_a_freeze_and_a_clock_in_the_middle_of_a_tile(
     try:
         os.kill(in_the_middle(faults), signal.SIGKILL)
         in_the_middle(faults)
-        turn(tmp_path, DAY)  # the scheduler takes every worker for silent since yesterday
+        turn(tmp_path, DAY)  # the scheduler believes that every worker has been silent for a day
         os.kill(frozen := in_the_middle(faults), signal.SIGSTOP)
         wait_until(lambda: not psutil.pid_exists(frozen))
         in_the_middle(faults)
@@ -105,5 +105,5 @@ def test_a_kill_a_freeze_and_a_clock_in_the_middle_of_a_tile(
     assert f"{REQUEST.n_cells} cells, 0 failed" in told
     assert examine(out).whole
     assert_bit_identical(open_survey(out), expected)
-    # A kill, a freeze, and a clock which ends both workers, or twice both.
+    # Repeated: one tile for the kill, one for the freeze, and up to two per worker for each change of the clock.
     assert faults.executions().total() <= REQUEST.n_tiles + 2 + 2 * 2 * 2

@@ -1,4 +1,4 @@
-"""Populations on a cluster, of a command and of a service: killed and resumed, they have the same bytes."""
+"""Populations computed on a cluster, by a command and by a service have the same bytes after a kill and a resume."""
 
 import os
 import signal

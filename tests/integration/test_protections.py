@@ -1,4 +1,4 @@
-"""The list of protections keeps up with the code: each can still be taken out, and its test is still there."""
+"""Every protection in `mutations.py` can be taken out of the present code, and its test exists."""
 
 import re
 import shutil

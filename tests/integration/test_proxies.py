@@ -1,4 +1,4 @@
-"""A real nginx and a real Caddy before a real service, with the configurations of docs/operations.md."""
+"""nginx and Caddy in front of a service, with the configurations of docs/operations.md."""
 
 import hashlib
 import json
@@ -38,7 +38,7 @@ PARTS = ("/v1/health", "/v1/surveys", "/docs", "/redoc", "/openapi.json", "/help
 
 
 class Front:
-    """A service that can be started again, at the same port, and its key."""
+    """A service that can be stopped and started again at the same port, and an API key for it."""
 
     def __init__(self, directory: Path) -> None:
         self.faults = Faults(directory)
@@ -85,14 +85,14 @@ def client_of(proxied: Proxied, place: str, key: str) -> Client:
 
 @pytest.fixture(scope="module")
 def survey_id(front: Front) -> str:
-    """The id of a survey that is computed."""
+    """Return the id of a survey that has been computed."""
     url = f"http://127.0.0.1:{front.port}"
     with Client(url, http=httpx.Client(base_url=url, timeout=HANG), key=front.key) as client:
         return client.submit(REQUEST).wait().id
 
 
 def links_of(text: str) -> list[str]:
-    """Return the addresses in a page that a browser would ask for."""
+    """Return the addresses in a page that a browser would request from the service."""
     found = re.findall(r"""(?:href|src|action)=["']([^"'#]+)""", text)
     return [each for each in found if not each.startswith(("data:", "http:", "https:"))]
 
@@ -111,7 +111,7 @@ def test_every_page_and_every_link_is_below_the_path(proxied: Proxied, front: Fr
                 for link in dict.fromkeys(links):
                     there = answer.url.join(link)
                     assert str(there).startswith(f"{url}/"), (part, link)
-                    if "/help/" not in str(there):  # its documents are looked through by others
+                    if "/help/" not in str(there):  # other tests check the links of the help
                         assert http.get(there).is_success, (part, link)
         api = http.get(f"{url}/openapi.json").json()
         assert [each["url"] for each in api.get("servers", [])] == ([PATH] if place == "below" else [])
@@ -198,7 +198,7 @@ def test_command_line_and_plain_xarray(
 
 @pytest.mark.parametrize("place", PLACES)
 def test_events_arrive_one_by_one(proxied: Proxied, front: Front, place: str) -> None:
-    """A proxy that keeps events until the stream ends would keep them for ever: the last tiles are held."""
+    """The last tiles are held: if the proxy buffered events until the stream ends, none would ever arrive."""
     front.faults.hold(4)
     try:
         with client_of(proxied, place, front.key) as client:
@@ -256,7 +256,7 @@ def test_a_client_waits_through_a_restart_behind_the_proxy(proxied: Proxied, fro
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_service_with_a_root_path_needs_no_header(tmp_path: Path, place: str) -> None:
-    """The proxy may remove the path from requests or not."""
+    """It works whether or not the proxy removes the path from requests."""
     if PROGRAMS["nginx"] is None:
         pytest.skip("nginx is not installed (apt-get install nginx)")
     removing = {r"proxy_pass http://127\.0\.0\.1:(\d+);(?=\s+\}\s+\}\s+\}\s*\Z)": r"proxy_pass http://127.0.0.1:\1/;"}

@@ -1,4 +1,4 @@
-"""Ctrl-C in a terminal reaches every process at once, also while they are being started."""
+"""Ctrl-C in a terminal, which reaches every process at once, stops a run while its processes are being started."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ COMMAND = (
 @pytest.mark.parametrize("delay", [pytest.param(0.0, marks=deep), 0.7, pytest.param(1.4, marks=deep)])
 def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
     faults, out = Faults(tmp_path), tmp_path / "survey.zarr"
-    faults.hold(0)  # it cannot be done before the signal comes
+    faults.hold(0)  # so that the run cannot end before the signal
     run = subprocess.Popen(
         [sys.executable, "-c", COMMAND, "run", *OPTIONS, "--workers", "2", "--out", str(out)],
         env=faults.environment,
@@ -32,7 +32,7 @@ def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
         text=True,
     )
     wait_until(lambda: begun(run))
-    time.sleep(delay)  # not a wait for anything: the moment of the interrupt is what varies
+    time.sleep(delay)  # the moment of the interrupt varies; this waits for nothing
     os.killpg(run.pid, signal.SIGINT)
     output, _ = run.communicate(timeout=HANG)
     assert run.returncode == 130, output
@@ -43,4 +43,4 @@ def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
 
 def begun(run: subprocess.Popen[str]) -> bool:
     assert run.poll() is None
-    return bool(psutil.Process(run.pid).children())  # the process of the nannies
+    return bool(psutil.Process(run.pid).children())  # the process that starts the workers

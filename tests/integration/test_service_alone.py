@@ -1,4 +1,4 @@
-"""One service, one process, one data directory, one database: whatever else is tried is refused in plain words."""
+"""A second service on a data directory or database, and several server processes, are refused with a clear message."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ from gear_rattle.service.jobs.directory import DataDirectory
 
 NO_CLUSTER = "tcp://127.0.0.1:1"
 
-# Writes on and on, and says what has been committed.
+# A program that writes surveys and tiles without end, and prints what it has committed.
 WRITER = """
 import sys
 from gear_rattle.service.database import Database, DoneTile, NewJob
@@ -64,12 +64,12 @@ def assert_refused(data: Path, database_url: str | None, words: str) -> None:
 
 
 def test_a_second_service_is_refused_by_data_directory_and_by_database(tmp_path: Path, database_url: str) -> None:
-    with closing(Database(database_url)) as database:  # held by this process, in place of a first service
+    with closing(Database(database_url)) as database:  # this process stands in for the first service
         assert_refused(tmp_path / "second", database_url, "Another service uses the job database")
         assert database.jobs(1) == ([], 0)
-    if database_url.startswith("sqlite"):  # the same on PostgreSQL
+    if database_url.startswith("sqlite"):  # does not depend on the database: once is enough
         with DataDirectory(tmp_path / "first").locked():
-            assert_refused(tmp_path / "first", None, "Another server uses the data directory")
+            assert_refused(tmp_path / "first", None, "Another service uses the data directory")
 
 
 def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
@@ -85,8 +85,8 @@ def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
     ]
     environment = ENVIRONMENT | {"RATTLE_DATA": str(tmp_path), "RATTLE_SCHEDULER": NO_CLUSTER}
     with running(*arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
-        said, _ = process.communicate(timeout=HANG)  # it ends, though one of the workers could have gone on
-    assert "Another server uses the data directory" in said
+        said, _ = process.communicate(timeout=HANG)  # both end, although one worker could run
+    assert "Another service uses the data directory" in said
     assert "start uvicorn without --workers" in said
 
 
@@ -95,11 +95,11 @@ def test_what_was_committed_outlives_sigkill_at_any_instant(database_url: str, t
     with running("-c", WRITER, database_url, env=ENVIRONMENT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         lines = [process.stdout.readline() for _ in range(told)]
-        process.kill()  # in the middle of something else: it does not wait for its reader
+        process.kill()  # it is writing: it does not wait for this reader
         lines += process.stdout.readlines()
     committed = [line.split() for line in lines if line.endswith("\n")]
     assert len(committed) >= told
-    database = Database(database_url)  # the lock went with the process
+    database = Database(database_url)  # the lock was released when the process died
     surveys, count = database.jobs(500)
     assert count == len(surveys)
     known = {job.id: job for job in surveys}

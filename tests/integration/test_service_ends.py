@@ -1,4 +1,4 @@
-"""SIGTERM ends a service, whatever it is at, and nothing that it has noted is lost."""
+"""SIGTERM ends a service whatever it is doing, and nothing that it has recorded is lost."""
 
 import signal
 import socket
@@ -19,9 +19,9 @@ from waiting import HANG, wait_until
 
 from gear_rattle.service.web.server import STOP_SECONDS
 
-MIDDLE = 3  # tiles that are done; the next one never ends
-PROMISED = 5.0  # seconds, in CHANGELOG.md
-#: Nor does this point.
+MIDDLE = 3  # tiles that are done; the next tile never ends
+PROMISED = 5.0  # seconds until the service has ended, according to CHANGELOG.md
+#: The computation of POINT never ends.
 ENDLESS = """
     @patch("rattle.impacting.gear")
     def endless(gear):
@@ -36,7 +36,7 @@ POINT = "/v1/attractors?delta=0.61&epsilon=0.1&count=4"
 
 
 def stop(process: Any) -> None:
-    """Send SIGTERM, and wait until the process and all that it has started are gone."""
+    """Send SIGTERM, and wait until the process and all its descendants have ended."""
     children = psutil.Process(process.pid).children(recursive=True)
     assert children
     process.send_signal(signal.SIGTERM)
@@ -45,7 +45,7 @@ def stop(process: Any) -> None:
 
 
 def is_dead(process: psutil.Process) -> bool:
-    """Return whether a process is gone, or is a zombie."""
+    """Return whether a process has ended, or is a zombie."""
     try:
         return bool(process.status() == psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
@@ -53,7 +53,7 @@ def is_dead(process: psutil.Process) -> bool:
 
 
 def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
-    """It ends before its deadline: requests, streams, points and surveys are ended, not waited for."""
+    """The service ends without its deadline, because it ends requests, streams, points and surveys itself."""
     faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
     faults.inject(NO_DEADLINE, ENDLESS)
     faults.hold(MIDDLE)
@@ -74,14 +74,14 @@ def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
         asking = [threading.Thread(target=ask, args=(path,)) for path in [events] * 20 + [POINT] * 3 + [picture] * 2]
         for thread in asking:
             thread.start()
-        wait_until(lambda: faults.notes("point").total() == 2)  # the third waits for its turn
+        wait_until(lambda: faults.notes("point").total() == 2)  # the third waits in the queue
         wait_until(lambda: begun.count(events) == 20 and begun.count(picture) == 2)
         stop(process)
         for thread in asking:
             thread.join()
     assert sorted(status for path, status, _ in answers if path == POINT) == [503] * 3
     assert all("The service is ending" in text for path, _, text in answers if path == POINT)
-    assert sum(path == events and status == 200 for path, status, _ in answers) == 20  # and closed politely
+    assert sum(path == events and status == 200 for path, status, _ in answers) == 20  # streams were closed properly
     with sqlite3.connect(data / "jobs.sqlite") as database:
         state, tiles = database.execute("SELECT state, tiles_done FROM jobs").fetchone()
         rows = database.execute("SELECT count(*), sum(cells) FROM tiles").fetchone()
@@ -91,8 +91,7 @@ def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
     assert (written > 0).sum() == 4 * MIDDLE
 
 
-#: A word for every stage of a start at which a signal may come; the last two as a cluster starts, before and after its
-#: workers are there.
+#: Stages of a start at which the signal may come. In the last two the cluster starts: before and after it has workers.
 STAGES = {
     "begun": """
         @patch("gear_rattle.service.web.server")
@@ -107,7 +106,7 @@ STAGES = {
     "processes": """
         @patch("gear_rattle.workers.survey.tiles")
         def processes(tiles):
-            if any("multiprocessing" in each for each in sys.orig_argv):  # a worker, as it loads
+            if any("multiprocessing" in each for each in sys.orig_argv):  # a worker that is being loaded
                 note("processes")
                 wait_for_signal()
         """,
@@ -122,7 +121,7 @@ STAGES = {
 }
 EARLY = ("begun", "opened")
 USUAL = ("begun", "processes", "warming")  # one of each kind
-#: Until the signal has come to this process, or for ever in a process that gets none.
+#: Wait until the test has sent the signal and created the file; in stages other than EARLY, for ever.
 WAIT_FOR_SIGNAL = """
     def wait_for_signal():
         while not os.path.exists(LOG + ".signal"):
@@ -141,13 +140,13 @@ def semaphores(pid: int) -> set[Path]:
 
 
 def of_all_workers(pid: int) -> set[Path]:
-    """The same, once they are there: six for each of two workers."""
+    """Return the semaphores of a service and its descendants once all exist: six for each of two workers."""
     return found if len(found := semaphores(pid)) >= 12 else set()
 
 
 @pytest.mark.parametrize("stage", [pytest.param(stage, marks=() if stage in USUAL else deep) for stage in STAGES])
 def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path, short_path: Path, stage: str) -> None:
-    """It ends before its deadline, at any stage: it does not wait for a cluster that is starting."""
+    """The service ends without its deadline at any stage, because it does not wait for a cluster that is starting."""
     faults, log = Faults(tmp_path), tmp_path / "log"
     faults.inject(NO_DEADLINE, WAIT_FOR_SIGNAL, STAGES[stage])
     settings = faults.environment | {"TMPDIR": str(short_path)}
@@ -159,7 +158,7 @@ def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path,
             found = wait_until(lambda: of_all_workers(process.pid)) if stage == "warming" else set()
             children = psutil.Process(process.pid).children(recursive=True)
             process.send_signal(signal.SIGTERM)
-            if stage in EARLY:  # nobody ever lets the others go on
+            if stage in EARLY:  # in the other stages, the processes that wait are ended
                 (tmp_path / "executed.signal").touch()
             assert process.wait(timeout=HANG) == 0
         finally:
@@ -194,8 +193,8 @@ def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
         wait_until(lambda: faults.notes("started"))
         found = semaphores(process.pid)
         assert found
-        stop(process)  # while its cluster starts, which never ends
-    assert f"still busy after {STOP_SECONDS:g} s: ending now" in log.read_text()
+        stop(process)  # the start of its cluster never ends
+    assert f"still busy {STOP_SECONDS:g} s after the signal" in log.read_text()
     assert STOP_SECONDS < PROMISED
     wait_until(lambda: not [path for path in found if path.exists()])
 

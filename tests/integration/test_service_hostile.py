@@ -1,4 +1,4 @@
-"""Hostile clients over real sockets: the service refuses them, and goes on answering the others."""
+"""Hostile clients over real sockets: the service refuses them, and goes on answering other clients."""
 
 import json
 import os
@@ -35,7 +35,7 @@ def port(service: Service) -> int:
 
 @pytest.fixture(scope="module")
 def store(service: Service) -> str:
-    """Path of the survey's store over HTTP, with something outside and a way there."""
+    """Return the path of the survey's store over HTTP; symbolic links in the store lead to a file outside."""
     on_disk = service.data / "surveys" / f"{service.store.split('/')[-2]}.zarr"
     (service.data / "outside").write_text("secret")
     (on_disk / "link").symlink_to(service.data / "outside")
@@ -44,7 +44,7 @@ def store(service: Service) -> str:
     return service.store
 
 
-# Out of the store
+# Paths that lead out of the store
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_an_absolute_target_is_no_way_around(port: int, store: str, token: str) 
         assert answer(port, head(token, "GET", target))[0] == 404, target
 
 
-# Too much
+# Requests that are too large or malformed
 
 
 @pytest.mark.parametrize(
@@ -107,17 +107,17 @@ def test_an_absolute_target_is_no_way_around(port: int, store: str, token: str) 
     ],
 )
 def test_huge_headers_are_refused(port: int, token: str, lines: list[str], status: int) -> None:
-    """The application refuses them, or the server with 400, which keeps no more of an incomplete request."""
+    """The application refuses them, or uvicorn with 400, because it buffers only so much of an incomplete request."""
     assert answer(port, head(token, "GET", "/v1/surveys", *lines))[0] in {status, 200 if status == 200 else 400}
 
 
 def test_headers_that_come_in_pieces_are_refused_as_well(port: int) -> None:
     with connected(port, b"GET /v1/health HTTP/1.1\r\nHost: localhost\r\nX: ") as connection:
         with pytest.raises((BrokenPipeError, ConnectionResetError)):  # noqa: PT012 - any of them may fail
-            while True:  # until it is refused, and no longer than that
+            while True:  # ends when the service closes the connection
                 connection.sendall(b"a" * 1000)
                 time.sleep(0.001)
-        assert read_all(connection)[:13] in (b"", b"HTTP/1.1 400 ")  # a reset may overtake the answer
+        assert read_all(connection)[:13] in (b"", b"HTTP/1.1 400 ")  # a reset may discard the answer
 
 
 def test_a_huge_url_is_refused(port: int, token: str) -> None:
@@ -157,7 +157,7 @@ def test_a_request_that_two_servers_could_read_differently_is_refused(port: int,
     hidden = head(token, "DELETE", "/v1/surveys/x")
     status, body = answer(port, head(token, "POST", "/v1/surveys", *lines) + b"0\r\n\r\n" + hidden)
     assert status == 400
-    assert "HTTP/1.1" not in body  # one answer: what was hidden was not run
+    assert "HTTP/1.1" not in body  # one answer: the hidden request was not executed
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_what_is_no_request_is_refused(port: int, sent: bytes) -> None:
     assert answer(port, sent)[0] == 400
 
 
-# Too many
+# Too many connections
 
 
 def test_an_answer_that_is_read_in_pieces_arrives_whole(port: int, store: str, token: str) -> None:
@@ -183,7 +183,7 @@ def test_too_many_connections_are_refused_until_they_are_closed(port: int) -> No
     wait_until(lambda: is_alive(port))
 
 
-# Keys, over the network
+# API keys over the network
 
 
 def test_results_are_read_with_the_key_only(port: int, store: str, token: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,7 +194,7 @@ def test_results_are_read_with_the_key_only(port: int, store: str, token: str, m
         job = client.job(url.split("/")[-2])
         with job.open() as dataset:
             assert dataset["delta"].values.tolist() == SURVEY.delta.values().tolist()
-            assert dataset["status"].values.max() == 0  # asked chunk by chunk: none is there
+            assert dataset["status"].values.max() == 0  # read chunk by chunk: no tile is computed
     monkeypatch.setenv("RATTLE_API_KEY", token)
     with open_results(url) as dataset:
         assert dataset.attrs["content_hash"] == SURVEY.content_hash()

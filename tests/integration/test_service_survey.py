@@ -1,4 +1,4 @@
-"""A survey through a real server and a real two-process cluster, and what interrupts it."""
+"""Surveys through a server process and a cluster of two processes, interrupted in several ways."""
 
 import json
 import os
@@ -39,7 +39,7 @@ from gear_rattle.service.errors import ResponseError, ServiceError
 from gear_rattle.workers import SurveyError, SurveyRequest, examine, open_survey, run_survey
 
 MIDDLE = 3  # tiles that are done while the others are held
-#: 16 cells in 8 tiles of two slices, some with contact phases. The database and the workers have its harmonics too.
+#: 16 cells in 8 tiles and two slices, some with contact phases. Its harmonics pass through the database to the workers.
 INELASTIC = SurveyRequest(
     delta=(0.5, 0.8, 4),
     epsilon=(0.2, 0.3, 2),
@@ -63,7 +63,7 @@ def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
 
 @pytest.fixture(scope="module")
 def settings(request: pytest.FixtureRequest, faults: Faults) -> dict[str, str]:
-    """Return settings with the jobs on PostgreSQL, if it is installed."""
+    """Return settings with the job database on PostgreSQL, if that is installed."""
     url = {} if server_of_tests.missing() else {"RATTLE_DATABASE_URL": request.getfixturevalue("postgres").create()}
     return faults.environment | url
 
@@ -80,7 +80,7 @@ def test_a_survey_by_rest_equals_a_serial_run_bit_for_bit(
 ) -> None:
     job = client.submit(REQUEST)
     path = job.document["links"]["events"]
-    # The client goes away twice and comes back with the last id that it saw.
+    # The client disconnects twice, and reconnects with the id of the last event that it saw.
     seen = list(islice(client.events(path, after=0), 3))
     seen += islice(client.events(path, after=seen[-1][0]), 5)
     seen += client.events(path, after=seen[-1][0])
@@ -117,7 +117,7 @@ def test_a_picture_is_there_while_a_survey_runs_and_the_next_one_runs_after_its_
 
     assert job.refresh().state == "running"
     job.delete()
-    assert list(stream)[-1][1]["state"] == "dismissed"  # although its tiles would never have ended
+    assert list(stream)[-1][1]["state"] == "dismissed"  # although its tiles do not end by themselves
     with pytest.raises(ServiceError, match="dismissed"):
         job.wait()
     faults.release()
@@ -139,7 +139,7 @@ def test_a_survey_outlives_a_crash_of_its_database_server(
     job = client.submit(REQUEST, force=True)
     tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
     list(islice(tiles, MIDDLE))
-    postgres.stop(signal.SIGQUIT)  # what pg_ctl stop -m immediate sends
+    postgres.stop(signal.SIGQUIT)  # the signal that pg_ctl stop -m immediate sends
     try:
         for method, path in (
             ("GET", "/v1/surveys"),
@@ -162,7 +162,7 @@ def test_a_survey_outlives_a_crash_of_its_database_server(
 
 
 def first_of(client: Client) -> Any:
-    """The newest survey; None while the service has not found its database again."""
+    """Return the newest survey, or None while the service has not found its database again."""
     try:
         return next(iter(client.surveys()))
     except ResponseError as error:
@@ -174,7 +174,7 @@ def first_of(client: Client) -> Any:
 @pytest.mark.parametrize("victim", ["server", "worker"])
 @pytest.mark.parametrize("survey", [pytest.param(REQUEST, id="plane", marks=deep), pytest.param(INELASTIC, id="third")])
 def test_a_survey_outlives_a_kill_in_its_middle(tmp_path: Path, survey: SurveyRequest, victim: str) -> None:
-    """The server dies and a row of the database is lost, or the worker dies. The bytes are those of a serial run."""
+    """The server dies and a row of the database is lost, or the worker dies: the bytes are those of a serial run."""
     faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
     faults.hold(MIDDLE)
     arguments: dict[str, Any] = {"settings": faults.environment}
@@ -194,13 +194,13 @@ def test_a_survey_outlives_a_kill_in_its_middle(tmp_path: Path, survey: SurveyRe
                 process.kill()
                 process.wait()
         if victim == "server":
-            with sqlite3.connect(data / "jobs.sqlite") as database:  # killed between a tile and its commit
+            with sqlite3.connect(data / "jobs.sqlite") as database:  # as if killed before it committed the tile
                 database.execute('DELETE FROM tiles WHERE "index" = 1')
             faults.release()
             with server(data, port, "--workers", "1", **arguments):
                 assert [found.id for found in client.surveys()] == [job.id]
                 assert job.wait().document["tiles_done"] == survey.n_tiles
-    lost = {"server": {1: 2, MIDDLE: 2}, "worker": {MIDDLE: 2}}[victim]  # the lost row's, and the one at work
+    lost = {"server": {1: 2, MIDDLE: 2}, "worker": {MIDDLE: 2}}[victim]  # its row was lost, or it was running
     assert faults.executions() == dict.fromkeys(range(survey.n_tiles), 1) | lost
 
     store, undisturbed = data / "surveys" / f"{job.id}.zarr", tmp_path / "undisturbed.zarr"
@@ -211,7 +211,7 @@ def test_a_survey_outlives_a_kill_in_its_middle(tmp_path: Path, survey: SurveyRe
     assert opened_elsewhere(store)["restitution"] == (survey is INELASTIC) * [0.5, 0.7]
 
 
-#: A program of somebody who has xarray and zarr, and nothing of this project.
+#: A program that opens a store with xarray and zarr only, without this project.
 ELSEWHERE = """
 import json, sys, xarray as xr
 with xr.open_zarr(sys.argv[1]) as survey, xr.open_dataset(sys.argv[1], engine="zarr") as other:
@@ -225,7 +225,7 @@ print(json.dumps(found))
 
 
 def opened_elsewhere(store: Path) -> dict[str, Any]:
-    """Return what plain xarray finds in a store, in a process of its own."""
+    """Return what xarray alone finds in a store, in a process of its own."""
     ran = subprocess.run([sys.executable, "-I", "-c", ELSEWHERE, str(store)], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
     found: dict[str, Any] = json.loads(ran.stdout)
@@ -263,10 +263,10 @@ def test_an_interrupted_run_is_resumed_by_the_same_command(tmp_path: Path, expec
 
 
 def interrupt(process: subprocess.Popen[str], number: signal.Signals, condition: Callable[[], Any]) -> str:
-    """Send a signal once a condition holds, while a tile is at work that never ends; what stderr said until the end."""
+    """Send a signal once a condition holds, while a tile runs that never ends; return the whole of stderr."""
     wait_until(lambda: process.poll() is not None or condition())
     if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # as a terminal does: the processes of the cluster get it too
+        os.killpg(process.pid, number)  # as a terminal does: also to the workers
     else:
         process.send_signal(number)
     _, errors = process.communicate(timeout=HANG)
@@ -275,5 +275,5 @@ def interrupt(process: subprocess.Popen[str], number: signal.Signals, condition:
 
 
 def chunks(store: Path) -> list[tuple[Path, int]]:
-    """Every file of a store with its time of change."""
+    """Return every file of a store with its time of modification."""
     return sorted((path, path.stat().st_mtime_ns) for path in store.rglob("*") if path.is_file())

@@ -1,4 +1,4 @@
-"""The batch scripts of deploy/slurm, submitted to a real SLURM of two nodes on this machine."""
+"""The batch scripts of deploy/slurm, submitted to a SLURM cluster of two nodes on this machine."""
 
 import os
 import re
@@ -20,7 +20,7 @@ from gear_rattle.workers import open_survey
 pytestmark = pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing())
 
 SCRIPTS = ROOT / "deploy" / "slurm"
-#: Smaller than what the scripts ask for.
+#: Fewer resources than the scripts request.
 FEW = ["--nodes=2", "--ntasks-per-node=1", "--mem-per-cpu=2000M"]
 
 
@@ -31,14 +31,14 @@ def cluster() -> Iterator[slurm.Slurm]:
 
 
 class Shared:
-    """A directory that both nodes share, and what jobs are submitted with."""
+    """A directory that both nodes share, with the scripts, and the environment with which jobs are submitted."""
 
     def __init__(self, directory: Path) -> None:
         self.directory, self.faults = directory, Faults(directory)
         for name in ("cluster.sh", "survey.sbatch", "cluster.sbatch"):
             shutil.copy(SCRIPTS / name, directory)
         kernels = rattle.numerics.compile.cache_directory()
-        self.cache = directory / "cache"  # with the kernels of this machine's processor, and of no other
+        self.cache = directory / "cache"  # has only the kernels for the processor of this machine
         self.cache.mkdir()
         (self.cache / kernels.name).symlink_to(kernels)
         self.kinds = {kernels.name}
@@ -57,7 +57,7 @@ def shared(tmp_path: Path) -> Shared:
 
 
 def run_of(cluster: slurm.Slurm, shared: Shared, store: Path, *options: str) -> str:
-    """Submit the survey, as the script says."""
+    """Submit the survey as the comments of the script say."""
     arguments = [*FEW, *options, "survey.sbatch", *OPTIONS, "--out", str(store)]
     return cluster.submit(*arguments, settings=shared.settings, cwd=shared.directory)
 
@@ -84,7 +84,7 @@ def test_a_job_that_is_cancelled_is_submitted_again(cluster: slurm.Slurm, shared
     assert cluster.job(second)["JobState"] == "COMPLETED", shared.logs()
     assert cluster.job(second)["NumNodes"] == "2"
     assert_whole(store, serial_run(REQUEST))
-    assert {path.name for path in shared.cache.iterdir()} == shared.kinds  # both nodes found those that were there
+    assert {path.name for path in shared.cache.iterdir()} == shared.kinds  # neither node compiled others
 
 
 def test_a_job_that_meets_its_time_limit_is_queued_again_and_goes_on(cluster: slurm.Slurm, shared: Shared) -> None:

@@ -1,4 +1,4 @@
-"""Two hosts, as two network namespaces with a link between: TLS only, and a link that is cut and comes back."""
+"""Two hosts (network namespaces with a link): all traffic is TLS, and the service survives a cut of the link."""
 
 import json
 import os
@@ -24,7 +24,7 @@ from gear_rattle.workers import examine, open_survey
 HERE, THERE = "10.77.0.1", "10.77.0.2"
 PORT, HELD = 8000, 6
 SCHEDULER = f"tls://{THERE}:8786"
-#: A connection on which nothing arrives for this long is lost: not 30 s, as dask has it, and no less than it allows.
+#: Silence after which a connection counts as lost; dask's default is 30 s, and this is the least that it allows.
 LOST = "12s"
 SNIFFER = """
 import socket, sys
@@ -41,19 +41,19 @@ sys.stdout.write(urllib.request.urlopen(sys.argv[1], timeout=float(sys.argv[2]))
 
 @dataclass(frozen=True)
 class Hosts:
-    """Prefixes of commands that run them on either of two hosts."""
+    """Two hosts: prefixes for commands that run on each."""
 
     here: list[str]
     there: list[str]
 
     def link(self, state: str) -> None:
-        """Put the cable in ("up") or out ("down")."""
+        """Set the link between the hosts "up" or "down"."""
         subprocess.run([*self.here, "ip", "link", "set", "cable", state], check=True)
 
 
 @contextmanager
 def joined() -> Iterator[Hosts]:
-    """Two namespaces of this user's and a cable; all gone with the two processes that hold them."""
+    """Make two namespaces of this user with a link between; all end with the two processes that hold them."""
     if not all(map(shutil.which, ("unshare", "nsenter", "ip"))):
         pytest.skip("no unshare, nsenter or ip (apt-get install util-linux iproute2)")
     root = os.geteuid() == 0
@@ -139,7 +139,7 @@ def test_a_survey_of_two_hosts_survives_a_cut_cable_and_tells_nothing_on_it(
     store = tmp_path / "data" / "surveys" / f"{survey}.zarr"
     assert examine(store).whole
     assert_bit_identical(open_survey(store), expected)
-    assert faults.executions().total() <= REQUEST.n_tiles + 4  # the one at work and the one that waited, twice at most
+    assert faults.executions().total() <= REQUEST.n_tiles + 4  # the running and the waiting tile, twice at most
     told = (tmp_path / "wire").read_bytes()
     assert len(told) > 50_000
     assert b"distributed" not in told
@@ -157,7 +157,7 @@ def running(*command: str, **options: Any) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def submitted(hosts: Hosts) -> str:
-    """Id of the survey REQUEST, submitted by the command on the service's host."""
+    """Submit REQUEST with the command on the service's host; return the id of the survey."""
     delta, epsilon = (f"{axis.start}:{axis.stop}:{axis.num}" for axis in (REQUEST.delta, REQUEST.epsilon))
     asked = ["submit", "--delta", delta, "--epsilon", epsilon, "--count", "4", "--tile", "2x2"]
     told = subprocess.run([*hosts.here, *RATTLE, *asked], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""Surveys on real processes: the same bits as a serial run, whatever is killed, stopped, resumed or poisoned."""
+"""Surveys on worker processes have the same bits as a serial run, also after kills, stops and resumes."""
 
 import gc
 import json
@@ -66,7 +66,7 @@ TILES = tiles_of(REQUEST)
 
 @pytest.fixture(autouse=True)
 def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine may be so busy that a worker takes minutes to come, or to come back."""
+    """Allow for a busy machine, on which a worker takes minutes to start or to be replaced."""
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", HANG)
     for room in (gear_rattle.workers.cluster.submission, gear_rattle.workers.cluster.joining):
         monkeypatch.setattr(room, "WORKERLESS_SECONDS", HANG)
@@ -75,7 +75,7 @@ def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Client]:
     with ExitStack() as stack:
-        # It has a certificate of its own, whatever dask's settings say.
+        # The cluster makes its own certificate, whatever dask's settings say.
         with dask.config.set(
             {"distributed.comm.require-encryption": False, "distributed.comm.tls.ca-file": "none.pem"}
         ):
@@ -102,7 +102,7 @@ def store(tmp_path: Path) -> Path:
 
 
 def run(store: Path, client: Client, on_tile: Callable[[TileRecord], None] = lambda _: None) -> None:
-    """Run what is missing to the end."""
+    """Compute the tiles that are not done."""
     done = tiles_done(REQUEST, store)
     run_tiles(REQUEST, store, [tile for tile in TILES if tile.index not in done], client, on_tile, lambda: False)
 
@@ -115,7 +115,7 @@ def assert_serial(store: Path, serial: xr.Dataset) -> None:
 
 
 def after(count: int, act: Callable[[], None]) -> Callable[[TileRecord], None]:
-    """Return an on_tile that acts once, at the tile of this number."""
+    """Return an `on_tile` that calls `act` at the tile with this number."""
     seen: list[TileRecord] = []
 
     def on_tile(record: TileRecord) -> None:
@@ -149,16 +149,16 @@ def test_two_processes_of_one_thread_on_loopback(cluster: Client) -> None:
 def test_nothing_is_kept_of_what_is_over(cluster: Client) -> None:
     def groups() -> int:
         gc.collect()
-        return sum(type(each) is TaskGroup for each in gc.get_objects())  # `isinstance` asks proxies, dead ones too
+        return sum(type(each) is TaskGroup for each in gc.get_objects())  # isinstance fails on dead proxies
 
     def notes(dask_worker: Worker) -> list[int]:
         return [len(dask_worker.batched_stream.recent_message_log), len(dask_worker.profile_history)]
 
     before, last, scheduler = groups(), gear_rattle.workers.cluster.cluster.LAST, cluster.cluster.scheduler
-    for number in range(3 * last):  # a window of the explorer each
+    for number in range(3 * last):  # each stands for a window of the explorer
         assert cluster.submit(int, number, key=f"window{number}").result() == number
-        wait_until(lambda: not scheduler.tasks)  # else the next one is counted to the same computation
-    wait_until(lambda: groups() - before <= last)  # one that is forgotten may still be held for a moment
+        wait_until(lambda: not scheduler.tasks)  # otherwise dask adds the next task to the same computation
+    wait_until(lambda: groups() - before <= last)  # a forgotten group may still be referenced for a moment
     for stream in (*scheduler.stream_comms.values(), *scheduler.client_comms.values()):
         assert len(stream.recent_message_log) <= last
     for messages, profiles in cluster.run(notes).values():
@@ -175,7 +175,7 @@ def test_the_same_bits_as_a_serial_run(cluster: Client, store: Path, serial: xr.
 
 
 def test_finished_tiles_are_released(cluster: Client, store: Path) -> None:
-    run(store, cluster, lambda _: wait_until(lambda: len(cluster.futures) <= 2))  # what is at work
+    run(store, cluster, lambda _: wait_until(lambda: len(cluster.futures) <= 2))  # one per worker
     wait_until(lambda: not cluster.futures and not cluster.cluster.scheduler.tasks)
 
 
@@ -220,7 +220,7 @@ def test_workers_outlive_an_interrupt_of_the_terminal(cluster: Client, store: Pa
 
 
 def test_a_store_moved_under_a_run_ends_it_and_is_resumed(cluster: Client, store: Path, serial: xr.Dataset) -> None:
-    # A worker that writes a tile finds it first, or the run that notes a tile.
+    # Either a worker notices it when it writes a tile, or the run when it records one.
     with pytest.raises(SurveyError, match=r"survey\.zarr is gone: "):
         run(store, cluster, after(2, lambda: store.rename(store.with_name("moved"))))
     assert not store.exists()
@@ -232,7 +232,7 @@ def test_a_store_moved_under_a_run_ends_it_and_is_resumed(cluster: Client, store
 def test_an_existing_scheduler(cluster: Client, store: Path, serial: xr.Dataset) -> None:
     with dask.config.set(certificates(cluster)), connect(cluster.scheduler.address) as client:
         run(store, client)
-    assert len(processes(cluster)) == 2  # left running
+    assert len(processes(cluster)) == 2  # connect leaves the cluster running
     assert_serial(store, serial)
 
 
@@ -246,7 +246,7 @@ def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_connection_that_ends_with_its_cluster_says_nothing(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """dask noticed it when its own silence was over: a service that stopped wrote a traceback among its last lines."""
+    """dask noticed the end late, and a service that stopped logged a traceback among its last lines."""
 
     @contextmanager
     def left(*_: Any) -> Iterator[None]:
@@ -258,7 +258,7 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_scheduler", left)
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_Processes", lambda *_: nullcontext(processes))
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
-    handler = logging.StreamHandler()  # as dask's own, which writes elsewhere than this test sees
+    handler = logging.StreamHandler()  # dask's own handler writes where this test cannot read
     logging.getLogger("distributed").addHandler(handler)
     try:
         with embedded_cluster(1):
@@ -269,13 +269,13 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
 
 
 def test_a_cluster_of_nobody_is_refused() -> None:
-    with pytest.raises(SurveyError, match="use 1 or more"), embedded_cluster(0):
+    with pytest.raises(SurveyError, match="use 1 process or more"), embedded_cluster(0):
         pass
 
 
 @pytest.fixture
 def own_scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """Start a scheduler and a worker of our own, to be killed."""
+    """Start a scheduler and a worker that the test may kill."""
     address = tmp_path / "scheduler.json"
     start = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": Path(__file__).parents[2]}
     dask = [sys.executable, "-m", "dask"]
@@ -303,7 +303,7 @@ def test_a_dead_scheduler_is_told_from_a_stop(
 
 
 def test_a_worker_that_preloads_the_package_has_what_tiles_need_and_a_start_no_more() -> None:
-    """Or the import would hold the heart of a worker of somebody else's cluster; xarray alone takes half a second."""
+    """Otherwise the import would block the heartbeat of a worker of an existing cluster; xarray alone takes 0.5 s."""
     asked = """
 import sys, gear_rattle.workers.cluster
 gear_rattle.workers.cluster.dask_setup(None)
@@ -320,7 +320,7 @@ print(*sys.modules.keys() & {"xarray", "pandas", "matplotlib", "scipy.optimize",
 def test_a_task_that_began_while_it_was_given_up_has_ended(
     cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The scheduler does not know yet that a worker is at it: a second join beside it would read what it moves."""
+    """Even if the scheduler does not know yet that a worker runs it: a second join would read data that it moves."""
     begun = tmp_path / "begun"
 
     def endless() -> None:
@@ -338,7 +338,7 @@ def test_a_task_that_began_while_it_was_given_up_has_ended(
 
 
 def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Block by block as in this process, to the byte; a stop leaves a survey that is joined later."""
+    """Joined block by block, the survey has the bytes of a join in this process. After a stop, it is joined later."""
     monkeypatch.setattr(gear_rattle.workers.families.blocks, "SLOTS_OF_BLOCK", 8 * 3**2)
     request = REQUEST.model_copy(update={"quantities": tuple(map(Group, ("attractors", "lyapunov", "families")))})
     there, here = tmp_path / "there.zarr", tmp_path / "here.zarr"
@@ -359,7 +359,7 @@ def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, mon
 def test_attractors_are_proved_on_the_cluster(
     cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kill: bool
 ) -> None:
-    """Stopped and resumed, a worker killed meanwhile: the same bytes as in this process."""
+    """Proofs that are stopped and resumed, also after the kill of a worker, have the same bytes as in this process."""
     monkeypatch.setattr(gear_rattle.workers.certificates, "AT_ONCE", 1)
     asked = {"quantities": (Group.ATTRACTORS,), "certify": True}
     request = REQUEST.model_copy(update=asked)

@@ -1,4 +1,4 @@
-"""Worker processes of this machine: what starts them, what they import, and when they end."""
+"""Worker processes of this machine: how they are started, what they import, and when they end."""
 
 import os
 import shutil
@@ -39,7 +39,7 @@ def pids(client: Client) -> set[int]:
     return set(client.run(os.getpid).values())
 
 
-#: Starts a worker, and says so; then waits for ever.
+#: A program that starts a worker, prints "started", and waits for ever.
 STARTS_ONE = """
 import time
 from gear_rattle.workers import embedded_cluster
@@ -47,7 +47,7 @@ with embedded_cluster(1):
     print("started", flush=True)
     time.sleep(1e6)
 """
-#: As in docs/how-to/surveys.md: no guard around it.
+#: A script as in docs/how-to/surveys.md, without an `if __name__` guard.
 SCRIPT = """
 from pathlib import Path
 with Path("runs").open("a") as runs:
@@ -56,7 +56,7 @@ from gear_rattle import run_survey
 survey = run_survey(delta=(0.5, 0.7, 3), epsilon=(0.05, 0.15, 2), out="survey.zarr", cluster=2)
 print(dict(survey.sizes)["delta"])
 """
-#: Modules of the standard library and of others that processes of ours import, or try to; all of them raise.
+#: Names of modules that our processes import or try to import; a module of this name in the poisoned directory raises.
 POISONED = (
     "random",
     "json",
@@ -104,7 +104,7 @@ POISONED = (
 
 @pytest.fixture
 def poisoned(tmp_path: Path) -> Path:
-    """Return a directory of modules that leave a note and raise as they are imported."""
+    """Return a directory of modules that write a note and raise when they are imported."""
     directory = tmp_path / "poisoned"
     directory.mkdir()
     for name in POISONED:
@@ -119,12 +119,12 @@ def imported(tmp_path: Path) -> str:
     return note.read_text() if note.exists() else ""
 
 
-#: As an installed command has it; the tests' own entry would import from the working directory by itself.
+#: The installed command. The tests' usual way to start it would itself import from the working directory.
 COMMAND = Path(sys.executable).with_name("rattle")
 
 
 def test_they_have_the_environment_of_now(cluster: Client, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
-    """Credentials may have been set since the first cluster."""
+    """Credentials, for example, may have been set after the first cluster was started."""
     monkeypatch.setenv("SINCE_THEN", "1")
     with embedded_cluster(1) as client:
         assert client.submit(os.getenv, "SINCE_THEN").result() == "1"
@@ -151,7 +151,7 @@ def test_another_process_starts_them_again_when_that_process_is_killed(
 
 
 def test_they_end_with_their_parent_also_if_it_is_killed_and_the_next_start_tidies_up(tmp_path: Path) -> None:
-    """A frozen worker too, which hears of nothing."""
+    """This holds also for a frozen worker, which cannot notice the end of its parent."""
     environment = ENVIRONMENT | {"TMPDIR": str(tmp_path)}
     with subprocess.Popen([sys.executable, "-c", STARTS_ONE], env=environment, stdout=subprocess.PIPE) as parent:
         try:
@@ -166,7 +166,7 @@ def test_they_end_with_their_parent_also_if_it_is_killed_and_the_next_start_tidi
     (left,) = tmp_path.glob(f"{PREFIX}*")
     with scratch_directory(str(tmp_path)) as path:
         assert not left.exists()
-        with scratch_directory(str(tmp_path)) as beside:  # one that is used stays
+        with scratch_directory(str(tmp_path)) as beside:  # a directory in use is not removed
             assert Path(path).is_dir()
             assert Path(beside, HELD).stat().st_mode & 0o777 == 0o600
             assert Path(beside).stat().st_mode & 0o777 == 0o700
@@ -188,11 +188,11 @@ def test_only_directories_of_this_kind_are_removed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("piped", [False, True])
 def test_a_script_needs_no_guard_and_its_directory_hides_nothing(tmp_path: Path, poisoned: Path, piped: bool) -> None:
-    """The workers do not run it again, and import neither from its directory nor from the working directory."""
+    """The workers do not run the script again, and import neither from its directory nor from the working directory."""
     script = tmp_path / "script" / "survey.py"
     shutil.copytree(poisoned, script.parent)
     script.write_text(SCRIPT)
-    # -P: what Python itself does with a script's directory is not our affair.
+    # -P: Python itself does not import from the script's directory; this test is about the workers.
     command = [sys.executable, "-P", "-" if piped else str(script)]
     ran = subprocess.run(
         command, cwd=poisoned, env=ENVIRONMENT, input=SCRIPT, capture_output=True, text=True, timeout=HANG
@@ -212,7 +212,7 @@ def test_the_command_imports_nothing_from_the_working_directory(tmp_path: Path, 
 
 
 def test_a_service_imports_nothing_from_the_working_directory(tmp_path: Path, poisoned: Path) -> None:
-    """Its workers and the processes that compute points do not import from there either."""
+    """Neither do its workers and the processes that compute points."""
     import httpx
 
     command = [COMMAND, "serve", "--port", "0", "--workers", "1", "--data", str(tmp_path / "data")]
@@ -235,7 +235,7 @@ def listening_at(log: str) -> str:
 
 
 def test_no_process_is_left() -> None:
-    """A frozen worker neither."""
+    """Not even a frozen worker is left."""
     before = {each.pid for each in nannies_of(os.getpid())}
     with embedded_cluster(1):
         (nannies,) = [each for each in nannies_of(os.getpid()) if each.pid not in before]
@@ -243,5 +243,5 @@ def test_no_process_is_left() -> None:
         for worker in workers_of(os.getpid()):
             if worker.ppid() == nannies.pid:
                 worker.suspend()
-    assert len(family) == 3  # with the tracker of semaphores
+    assert len(family) == 3  # nannies, worker, and the tracker of semaphores
     wait_until(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in family))

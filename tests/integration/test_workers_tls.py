@@ -1,4 +1,4 @@
-"""A scheduler, a worker and the service over TLS with certificates of one authority; nobody else gets in."""
+"""Scheduler, worker and service over TLS with certificates of one authority; all other clients are refused."""
 
 import os
 from collections.abc import Iterator
@@ -25,13 +25,13 @@ BODY = {
 
 @pytest.fixture
 def hopeless(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody waits long for who never answers."""
+    """Shorten the wait for an answer, for tests in which none comes."""
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", 1)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _patience() -> Iterator[None]:
-    """The others wait, however long an answer takes."""
+    """Lengthen the wait for an answer in the other tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", HANG)
         yield
@@ -44,7 +44,7 @@ def trusted(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 
 @pytest.fixture(scope="module")
 def scheduler(trusted: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a scheduler with one worker."""
+    """Start a scheduler with one worker, and yield its address."""
     port = free_port()
     url = f"tls://127.0.0.1:{port}"
     local = str(tmp_path_factory.mktemp("local"))

@@ -1,4 +1,4 @@
-"""An existing cluster as others run it: over TLS, with other versions, without this package."""
+"""Existing clusters: over TLS, with other versions of packages, and without this package."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,13 +14,13 @@ import rattle
 from gear_rattle.workers import open_survey
 
 OTHER = "0.0.1"
-#: What a worker's process does before anything else: it says that it has another version of a package.
+#: Code that a worker runs first: the worker then reports another version of a package.
 ANOTHER_VERSION = """
 import importlib.metadata as metadata
 version = metadata.version
 metadata.version = lambda name: {other!r} if name == {package!r} else version(name)
 """
-#: It has no way to this package: neither where it is installed for editing, nor below a path.
+#: Code after which a worker cannot import this package, neither from an editable installation nor from a path.
 WITHOUT = """
 import sys
 sys.meta_path[:] = [each for each in sys.meta_path if "editable" not in repr(each).lower()]
@@ -31,7 +31,7 @@ ONE_WORKER = ("--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--host", 
 
 @contextmanager
 def cluster(directory: Path, first: str, settings: dict[str, str] | None = None) -> Iterator[str]:
-    """Address of a scheduler with a worker, which begins with some Python."""
+    """Start a scheduler with a worker that first runs the code `first`; yield the scheduler's address."""
     settings = settings or {}
     (directory / "first").mkdir()
     (directory / "first" / "sitecustomize.py").write_text(first)
@@ -49,7 +49,7 @@ def cluster(directory: Path, first: str, settings: dict[str, str] | None = None)
 
 
 def run(url: str, store: Path, settings: dict[str, str] | None = None) -> tuple[int, str]:
-    """Run a survey until the cluster has workers, which may not be there yet; return status and what was said."""
+    """Run a survey, again until the cluster has workers; return the exit status and stderr."""
     ran = None
 
     def answered() -> bool:

@@ -1,4 +1,4 @@
-"""Another library, in another language, reads every array of a survey over HTTP: zarrita, in node (`make readers`)."""
+"""zarrita, a JavaScript library, reads every array of a survey over HTTP in node (`make readers` installs it)."""
 
 import functools
 import json

@@ -1,4 +1,4 @@
-"""Find the ends of families of attractors in a survey, and the traced curve that passes there."""
+"""Find the edges of families of attractors in a survey, and the curves that pass there."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -13,10 +13,10 @@ from rattle.families import Rectangle
 
 
 class Edges(NamedTuple):
-    """Edges of families: pairs of neighbouring cells of which exactly one has the family.
+    """Edges of families. An edge is a pair of neighbouring cells of which exactly one has the family.
 
-    names (c,): the curves. number (families,): such pairs. on (families, c): such pairs with a curve between them that
-    makes or ends motions of the family's label.
+    names: names of the curves (curves,). number (families,): how many edges each family has. on (families, curves): how
+    many of these edges each curve passes between, if the curve makes or ends motions of the family's label.
     """
 
     names: tuple[str, ...]
@@ -25,9 +25,9 @@ class Edges(NamedTuple):
 
 
 class FamilyEnds(NamedTuple):
-    """Edges of some components (k,) in a part of a grid.
+    """Edges of components (k,) of families in a part of a grid.
 
-    number (k,): pairs. on (k, curves): pairs that each curve passes between.
+    number (k,): how many edges each component has. on (k, curves): how many of them each curve passes between.
     """
 
     component: np.ndarray
@@ -38,16 +38,16 @@ class FamilyEnds(NamedTuple):
 def ends_in(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
 ) -> FamilyEnds:
-    """Return the edges between the cells of a part of a grid and the next ones along δ and ε.
+    """Return the edges between the cells of a part of a grid and their next cells along δ and ε.
 
-    The grid has so many columns, and its axes rise. cell, component (rows,): attractors of the part and of the next
-    cells, with component −1 for undecided samples. A cell without any attractor was not computed, and one with
-    undecided samples may have attractors that it does not list: pairs with such cells are left out.
+    columns: columns of the grid. cell, component (attractors,): the cell and component of each attractor in the part
+    and in the next cells; −1 is the component of undecided samples. Pairs are left out if one of the cells has no
+    attractor, because it is not computed, or has undecided samples, because it may have attractors that are not listed.
 
     Returns
     -------
     FamilyEnds
-        One row for each component that the part has.
+        One row for each component in the part.
     """
     width = part.right - part.left + 1
     row, column = np.divmod(cell, columns)
@@ -64,7 +64,7 @@ def ends_in(
     row, column = np.divmod(at, width)
     number, on = np.zeros(ids.size, np.int64), np.zeros((ids.size, len(crossings)), np.int64)
     for axis, (down, right) in enumerate(((0, 1), (1, 0))):
-        for back in (0, 1):  # whether the family has the pair's second cell
+        for back in (0, 1):  # 1: the family is in the second cell of the pair, not in the first
             i, j = row - back * down, column - back * right
             other = (row + (1 - 2 * back) * down) * width + column + (1 - 2 * back) * right
             pair = (i >= 0) & (i < part.bottom - part.top) & (j >= 0) & (j < part.right - part.left)
@@ -79,14 +79,12 @@ def ends_in(
 
 
 def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
-    """Return the edges of the families of a survey from those in its parts.
-
-    family: the number of each component's family, which indexes the result.
+    """Add the edges of all parts of a survey, by family. family: the number of each component's family.
 
     Returns
     -------
     Edges
-        Numbers of pairs by family, and by family and curve.
+        Numbers of edges, by family and by family and curve.
     """
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)
@@ -98,7 +96,7 @@ def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable
 
 
 def _concerned(table: FamilyTable, name: str) -> np.ndarray:
-    """Return whether a curve makes or ends motions of these families' labels; chaos has none."""
+    """Return for each family whether a curve makes or ends motions of its label; False for chaos."""
     known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

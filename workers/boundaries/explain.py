@@ -1,9 +1,9 @@
-"""Explain the boundaries of a survey: which bifurcation curve passes between each two neighbours that differ.
+"""Explain the boundaries of a survey: find the bifurcation curve between each two neighbouring cells that differ.
 
-The curves of the period-one motions come first. If two neighbours differ by a motion that none of these curves makes or
-ends, that motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`) until it meets
-a saddle-node, flip or graze, which is solved for. Where several pairs differ by such a motion, a curve is traced from
-there, which may explain further pairs.
+The curves of the period-one motions are tried first. If two neighbours differ by a motion that none of these curves
+makes or ends, the motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`) until
+it meets a saddle-node, flip or graze. If several pairs differ by a motion of the same label, a curve is traced from
+that point, which may explain further pairs.
 """
 
 from collections import Counter
@@ -21,18 +21,21 @@ from rattle.curves import Curve
 from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
 
 CHAOTIC = KINDS.index("chaotic")
-MOST_CURVES = 100
-WORTH_A_CURVE = 4  # a curve is traced for a motion by which at least so many pairs differ
-LONGEST_TRACED = 16  # the most impacts of a motion whose curve is traced: longer ones take seconds and explain little
-COARSE = 30  # points of such a curve across the survey are enough: its crossings of grid lines are solved for
+MOST_CURVES = 100  # at most this many curves of motions of higher period are computed, by default
+WORTH_A_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
+#: No curve is traced for motions of more impacts, because these take seconds and explain few pairs.
+LONGEST_TRACED = 16
+#: Points of a traced curve across the survey. Few suffice, because its crossings of grid lines are solved for.
+COARSE = 30
 ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
 class KnownCurve:
-    """A curve, the attractors that it may make or end, and the pairs (n,) that it passes between.
+    """A bifurcation curve.
 
-    bounds_regions: whether it divides regions. explains: how many of these pairs differ by what it makes or ends.
+    labels: labels of the attractors that it may make or end. bounds_regions: whether it divides regions. crosses (n,):
+    flags of the pairs that it passes between. explains: how many of these pairs differ by such an attractor or region.
     """
 
     curve: Curve
@@ -44,7 +47,10 @@ class KnownCurve:
 
 @dataclass(frozen=True)
 class Rest:
-    """Pairs without an explaining curve: their change, the reason, their number, and one of them as two (δ, ε)."""
+    """Pairs that no curve explains, grouped by what changes between the two cells and by the reason.
+
+    change: what changes. why: why no curve explains it. pairs: how many pairs. example: (δ, ε) of both cells of a pair.
+    """
 
     change: str
     why: str
@@ -54,12 +60,14 @@ class Rest:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Explanation of a survey: its pairs that differ, the curves by falling number of pairs, and unexplained pairs.
+    """Explanation of a survey's boundaries.
 
-    region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
-    that changes there passes between. sampling (n,): by their families both cells have the differing attractors, which
-    samples missed in one cell: there is nothing to explain. met: number of pairs where only the point of the curve
-    between the two cells was computed. crossed (n,): some curve passes between.
+    pairs: the n pairs of neighbouring cells that differ. known: the curves, by falling number of explained pairs.
+    region_explained, attractors_explained (n,): flags of the pairs that differ in their region (or attractors) and have
+    a curve between them that explains it. sampling (n,): flags of the pairs whose families are the same: samples missed
+    an attractor in one cell, and there is nothing to explain. met: how many pairs are explained by a single computed
+    point of a curve between the two cells. rest: the unexplained pairs. crossed (n,): flags of the pairs with any curve
+    between them.
     """
 
     pairs: Pairs
@@ -85,12 +93,12 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     Returns
     -------
     Explanation
-        Curves by falling number of pairs that they explain, and the pairs that none explains.
+        Curves by falling number of explained pairs, and the pairs that no curve explains.
 
     Raises
     ------
     SurveyError
-        If the survey has neither regions nor attractors, or no curves.
+        The survey has neither regions nor attractors, or its model has no curves.
     """
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
@@ -135,12 +143,12 @@ class _Search:
 
     @property
     def window(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """The survey's (δ, ε)."""
+        """The ranges of δ and ε of the survey."""
         delta, epsilon = self.grid.delta, self.grid.epsilon
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves until every pair has one or a reason to have none; yield (pair, reason)."""
+        """Compute curves for all pairs; yield the number of each pair without a curve, and the reason."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.covers_region()[n]:
                 for orbit, target in self._period_one_changes(n):
@@ -161,14 +169,15 @@ class _Search:
             yield replace(item, explains=int(np.sum(own | region)))
 
     def covers_region(self) -> np.ndarray:
-        """Return flags of the pairs (n,) that differ in their region and have a curve for it."""
+        """Return flags of the pairs (n,) that differ in their region and have a region's boundary between them."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
     def uncovered(self, n: int) -> list[Label]:
-        """Return the labels of attractors that change between a pair without a curve for them.
+        """Return the labels of attractors that only one cell of the n-th pair has and that no curve explains.
 
-        Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
+        Chaos counts as explained if it replaces a motion that a curve ends, or is replaced by a motion that a curve
+        makes.
 
         Returns
         -------
@@ -182,7 +191,7 @@ class _Search:
         return left + chaos if left or len(chaos) == len(changed) else []
 
     def _resolve(self, n: int, label: Label) -> str | None:
-        """Find the curve that explains a change, or say why there is none."""
+        """Find the curve that explains the change of a label between a pair; return the reason if there is none."""
         if label == QUIET_LABEL:
             return "quiet is below its limit on both sides: its share is small" if self._quiet(n) else "quiet limit"
         if label[0] == CHAOTIC:
@@ -200,7 +209,7 @@ class _Search:
         return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
 
     def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
-        """Return the cell that has more attractors of a label, the other, and the one of the smallest share there."""
+        """Return the cell of a pair with more attractors of a label, the other cell, and the rarest such attractor."""
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
         here = 0 if len(having[0]) > len(having[1]) else 1
@@ -213,7 +222,7 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """Yield the motions A–D that differ in existence or stability between the cells, and the (δ, ε) of each."""
+        """Yield each motion A to D that changes existence or stability between a pair, and the (δ, ε) of its end."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):
@@ -228,7 +237,7 @@ class _Search:
     def _follow(
         self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], worth: bool
     ) -> PeriodicOrbit | Event | None:
-        """Follow a motion from one cell of a pair to the other, and trace the curve that it meets if `worth`."""
+        """Follow a motion from one cell of a pair to the other. worth: trace the curve of the event that it meets."""
         found = fate(orbit, *target)
         if isinstance(found, Event):
             self.met[n] = self.met.get(n, frozenset()) | _labels_at(found)
@@ -247,7 +256,7 @@ def _labels_at(event: Event) -> frozenset[Label]:
 
 
 def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
-    """Return the labels that two cells have in different numbers, unless samples merely missed a motion."""
+    """Return the labels with different numbers of attractors in the n-th pair, unless the families are the same."""
     if not pairs.attractors[n]:
         return []
     cells = pairs.first[n], pairs.second[n]

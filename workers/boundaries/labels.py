@@ -1,4 +1,4 @@
-"""The motions that a traced curve makes or ends."""
+"""The labels of the motions that a bifurcation curve makes or ends."""
 
 from rattle import KINDS, curves
 
@@ -8,14 +8,14 @@ QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 
 
 def labels_on_curve(name: str) -> frozenset[Label]:
-    """Return the attractors that a period-one curve makes or ends.
+    """Return the labels of the attractors that a curve of the period-one motions makes or ends.
 
-    Curves of the stiff gear have the names of their limits.
+    A curve of the stiff gear has the name of the curve that it tends to as κ → ∞.
 
     Returns
     -------
     frozenset[Label]
-        Each with kind, m, n₊ and n₋.
+        Labels: kind, m, n₊ and n₋.
     """
     if name == curves.QUIET_LIMIT:
         return frozenset({QUIET_LABEL})
@@ -24,7 +24,16 @@ def labels_on_curve(name: str) -> frozenset[Label]:
 
 
 def labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """Return the labels of a motion, of the motion without its grazing impact, and of the one doubled by a flip."""
+    """Return the labels of the motions at a bifurcation: the motion itself and those that a graze or flip makes of it.
+
+    walls: 1 or −1 for each impact on Σ⁺ or Σ⁻. m: forcing periods. impact: index of the grazing impact, without which
+    there is a second motion. flip: whether there is a motion of twice the period.
+
+    Returns
+    -------
+    frozenset[Label]
+        One or two labels, or three.
+    """
     plus, minus = walls.count(1), walls.count(-1)
     found = {(PERIODIC, m, plus, minus)}
     if impact is not None:

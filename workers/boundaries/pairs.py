@@ -1,4 +1,4 @@
-"""Find the neighbouring cells of a survey that differ, and the pairs that a curve passes between."""
+"""Find the pairs of neighbouring cells of a survey that differ, and the pairs that a curve passes between."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,9 +18,10 @@ UNDECIDED = KINDS.index("undecided")
 
 @dataclass(frozen=True)
 class Pairs:
-    """Neighbouring cells that differ: indices (i, j), of ε and δ, of a cell and of the one to the right or above.
+    """Pairs of neighbouring cells that differ.
 
-    first, second (n, 2): indices (i, j). region, attractors (n,): whether the two cells differ in these.
+    first, second (n, 2): indices (i, j) along ε and δ of both cells; the second is the next along δ or along ε.
+    region, attractors (n,): whether the cells differ in their region, or in their attractors.
     """
 
     first: np.ndarray
@@ -34,7 +35,7 @@ class Pairs:
 
 
 class CellAttractor(NamedTuple):
-    """One attractor of a cell: its label, a state on it and its share of the sample."""
+    """An attractor of a cell: its label, a state (tau, v) on it, and its basin fraction."""
 
     label: Label
     tau: float
@@ -43,7 +44,7 @@ class CellAttractor(NamedTuple):
 
 
 class CellGrid:
-    """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
+    """The cells of an open survey: the axes δ and ε, the half-backlash, and each cell's region and attractors."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
         """Read the variables that are compared; `families` is the survey's group of that name.
@@ -51,7 +52,7 @@ class CellGrid:
         Raises
         ------
         SurveyError
-            If the survey has neither regions nor attractors.
+            The survey has neither regions nor attractors.
         """
         self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
         self.beta = surveyed_model(dataset).beta
@@ -62,7 +63,7 @@ class CellGrid:
         self.labels: np.ndarray | None = None
         self.slots, self.states = tuple[np.ndarray, ...](), tuple[np.ndarray, ...]()
         if all(name in dataset for name in names):
-            # one number a slot, so that a sorted row is a cell's set of attractors
+            # Each slot's label becomes one number; the sorted numbers of a cell then are its set of attractors.
             kind, m, plus, minus = (np.asarray(dataset[name]).astype(np.int64) for name in names)
             self.labels = np.sort(((kind * 2**15 + m) * 2**15 + plus) * 2**15 + minus, axis=0)
             self.slots = kind, m, plus, minus
@@ -72,7 +73,7 @@ class CellGrid:
             raise SurveyError("there is nothing to explain: compute a survey with the group region or attractors")
 
     def differing(self) -> Pairs:
-        """Return the neighbours that differ, both of them computed."""
+        """Return the pairs of neighbouring computed cells that differ."""
         found = []
         for step in ((0, 1), (1, 0)):
             here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))
@@ -90,16 +91,16 @@ class CellGrid:
         return Pairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
 
     def _undecided(self) -> np.ndarray:
-        """Return the cells (m, n) with an undecided sample, whose set of attractors is not known."""
+        """Return flags (m, n) of the cells with an undecided sample, whose set of attractors is not known."""
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
-        """Return the labels of motions that exist in one of two cells only, whether a sample reached them or not.
+        """Return the labels of the families that exist in only one of two cells, even if no sample reached them.
 
         Returns
         -------
         frozenset[Label] | None
-            Labels of the families in which the cells differ; None without families.
+            None if the survey has no families.
         """
         if self.families is None:
             return None
@@ -122,12 +123,16 @@ class CellGrid:
         return sorted(found, key=lambda each: -each.fraction)
 
     def point(self, cell: np.ndarray) -> tuple[float, float]:
-        """(δ, ε) of a cell."""
+        """Return (δ, ε) of a cell (i, j)."""
         return float(self.delta[cell[1]]), float(self.epsilon[cell[0]])
 
 
 class _Families:
-    """Families by cell: those in its slots, those whose orbit a neighbour continued into it, and quiet running."""
+    """The families of each cell.
+
+    A family is in a cell if one of its slots lists it, if its orbit was continued into the cell from a neighbour, or,
+    for quiet running, if ε is below the quiet limit.
+    """
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset) -> None:
         self.slots = np.asarray(dataset["attractor_family"])
@@ -140,14 +145,14 @@ class _Families:
             self.entered.setdefault((i, j), set()).add(number)
 
     def at(self, cell: np.ndarray, is_quiet: bool) -> set[int]:
-        """Return the families of a cell (i, j)."""
+        """Return the numbers of the families of a cell (i, j); is_quiet: whether ε is below the quiet limit there."""
         i, j = int(cell[0]), int(cell[1])
         listed = {int(number) for number in self.slots[:, i, j] if number >= 0}
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
 def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
-    """Return flags of the pairs (n,) that a curve passes between, solved for on the lines of the grid."""
+    """Return flags of the pairs (n,) that a curve passes between. Its crossings of the grid lines are solved for."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
     for chosen, fixed in ((~beside, "delta"), (beside, "epsilon")):
@@ -163,6 +168,6 @@ def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
 
 
 def label_name(label: Label) -> str:
-    """Return the written form of a label, such as "P(1,1,0)" or "chaotic"."""
+    """Return a label as text, for example "P(1,1,0)" or "chaotic"."""
     kind, m, n_plus, n_minus = label
     return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

@@ -1,4 +1,4 @@
-"""The dask cluster that computes tiles: one of our own, or an existing one."""
+"""The dask cluster that computes tiles: start one on this machine, or connect to an existing one."""
 
 import asyncio
 import gc
@@ -34,22 +34,24 @@ from rattle.numerics import environment
 
 MEMORY_LIMIT = 2 * 2**30
 CONNECT_SECONDS = 10
-#: Tiles are the parallelism: threads inside a worker would only compete.
+#: Each worker computes with one thread. Several workers compute tiles in parallel, and more threads would only compete.
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: dask replaces a worker that has not sent a heartbeat for so long, within twice this time. Kernels allow two of them a
-#: second; on a busy machine everything takes longer, and a slow worker is not a frozen one.
+#: dask replaces a worker that has sent no heartbeat for this time (at the latest after twice this time). A worker sends
+#: two heartbeats a second while it computes; the long time keeps a slow worker of a busy machine from being replaced.
 SILENT_SECONDS = 60
-#: A tile that was running when two workers died goes to a process of its own, which shows the cells that are the cause.
+#: After two deaths of its worker, a tile is computed in a process of its own, which shows which cells are the cause.
 ALLOWED_DEATHS = 1
 HEARTBEAT_SECONDS = 1.0
-WATCH_SECONDS = 0.1  # between two checks of the nannies' process, and of whether start-up was cancelled
+WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process lives and whether start-up was cancelled
+#: Longest wait for killed workers to vanish, and seconds between two checks.
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
-ROUNDS = 5  # successive rounds in which no worker runs a cancelled task: messages sent before have then arrived
-#: dask keeps diagnostics that nobody reads here: the last 1000 messages of every connection with their contents, two
-#: hours of each processor's load, and all submitted tasks. Measuring the load twice and the clock fifty times a second
-#: took a seventh of a processor for two idle workers.
+#: Cancelled tasks have ended if no worker runs one in this many successive checks: by then all messages have arrived.
+ROUNDS = 5
+#: Fewer diagnostics than dask keeps by default (1000 messages of every connection, two hours of each processor's load,
+#: all submitted tasks), because nobody reads them here. dask's frequent measurements of load and clock took a seventh
+#: of a processor for two idle workers.
 LAST = 10
 NOTES = {
     "distributed.admin.low-level-log-length": LAST,
@@ -59,14 +61,14 @@ NOTES = {
     "distributed.diagnostics.computations.max-history": LAST,
     "distributed.worker.profile.enabled": False,
 }
-#: dask's HTTP servers, which every local account reaches, have no pages.
+#: Settings that leave dask's HTTP servers without pages, because every local account can reach these servers.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-SPANS = "spans"  # an extension of dask whose records are never deleted
+SPANS = "spans"  # an extension of dask's scheduler that is left out, because its records are never deleted
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
-#: Other versions of these do not understand each other, or compute other bits.
+#: Packages whose versions must be equal in all processes: others cannot exchange messages, or compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
-SHOWN = 3  # workers that a message names
+SHOWN = 3  # a message names at most this many workers
 
 
 class WarmKernels(WorkerPlugin):
@@ -75,22 +77,22 @@ class WarmKernels(WorkerPlugin):
     name = "gear-rattle-kernels"
 
     async def setup(self, worker: Worker) -> None:
-        """Load the kernels in a thread, and send heartbeats meanwhile: a first compilation outlasts dask's patience."""
+        """Load the kernels in a thread, and send heartbeats meanwhile: compiling takes longer than dask waits."""
         warming = asyncio.create_task(asyncio.to_thread(rattle.precompile, preload=True))
         while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
             await worker.heartbeat()
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Freeze the garbage collector: a collection over all modules took a third of a second at the end."""
+        """Keep the garbage collector from examining all modules when the process ends: it took a third of a second."""
         gc.freeze()
 
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Protect threads and processes that start in this block from the Ctrl-C that a terminal sends to all of them.
+    """Make threads and processes that start in this context ignore Ctrl-C, which a terminal sends to all of them.
 
-    A Ctrl-C that arrives meanwhile reaches the caller afterwards.
+    A Ctrl-C during the context reaches the caller afterwards.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -100,14 +102,14 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 class _Processes:
-    """The process of the nannies, with their workers: it is started at once, and again if it is killed.
+    """Keep the process of the nannies and workers running: start it, and start it again if it is killed.
 
     Parameters
     ----------
     nice
         How far to lower the priority of the processes.
     should_stop
-        Called several times a second, until `started` is set: whether start-up was cancelled.
+        Returns whether start-up was cancelled. It is called several times a second until `started` is set.
     """
 
     def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, should_stop: Callable[[], bool]) -> None:
@@ -118,7 +120,7 @@ class _Processes:
             "memory_limit": MEMORY_LIMIT,
             "dashboard": False,
             "silence_logs": logging.CRITICAL,
-            "extensions": {},  # none but spans
+            "extensions": {},  # dask's only extension of workers is spans
             "preload": __name__,  # imported before the worker must send heartbeats
         }
         start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
@@ -136,16 +138,18 @@ class _Processes:
         self._thread.join()
 
     def wait(self, client: Client) -> None:
-        """Return when all workers are there.
+        """Wait until all workers have connected.
 
         Raises
         ------
         SurveyError
-            They cannot start, or start-up was cancelled.
+            The workers cannot start, or start-up was cancelled.
         """
         while len(client.nthreads()) < self._n_workers:
             if self._over.wait(LOOK_SECONDS):
-                raise SurveyError("start-up was cancelled" if self._should_stop() else "its first process has ended")
+                raise SurveyError(
+                    "start-up was cancelled" if self._should_stop() else "the process that starts the workers has ended"
+                )
 
     def _keep(self) -> None:
         while not self._over.is_set():
@@ -155,9 +159,9 @@ class _Processes:
             self._over.wait(WATCH_SECONDS)
 
     def _run(self) -> None:
-        """Start the process, and return when it has ended or must end."""
+        """Start the process, wait until it ends or must end, and end all its descendants."""
         command = [sys.executable, "-m", nannies.__name__]
-        # In a session of its own, which a terminal's Ctrl-C does not reach. It ends when its stdin closes.
+        # The process has a session of its own, so a terminal's Ctrl-C does not reach it. It ends when its stdin closes.
         with subprocess.Popen(command, stdin=subprocess.PIPE, env=_environment(), start_new_session=True) as process:
             assert process.stdin is not None
             try:
@@ -166,14 +170,14 @@ class _Processes:
                     process.stdin.flush()
                 while process.poll() is None and not self._over.wait(WATCH_SECONDS):
                     if not self.started.is_set() and self._should_stop():
-                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # dask's futures say that they fail
+                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # dask would log futures that now fail
                         self._over.set()
             finally:
                 nannies.end_processes_of(process.pid)
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of workers: the present variables, without warnings of leaked semaphores."""
+    """Return the environment variables of workers: as here, with one thread, without warnings of leaked semaphores."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -184,8 +188,9 @@ def embedded_cluster(
 ) -> Iterator[Client]:
     """Start processes of one thread each on this machine, for as long as the context lasts.
 
-    They listen on loopback only, and to each other only: every connection shows the certificate of this cluster, whose
-    key is in the memory of its processes. They import nothing from the working directory, and not the main module.
+    The processes listen on loopback only, and accept each other only: every connection shows the certificate of this
+    cluster, whose key is in the memory of its processes. They import nothing from the working directory, nor the main
+    module.
 
     Parameters
     ----------
@@ -194,7 +199,7 @@ def embedded_cluster(
     nice : int
         How far to lower their priority, up to 19.
     should_stop : Callable[[], bool]
-        Says whether start-up was cancelled; called several times a second while the processes start.
+        Returns whether start-up was cancelled. It is called several times a second while the processes start.
 
     Yields
     ------
@@ -207,12 +212,12 @@ def embedded_cluster(
         `n_workers` is below 1, the processes do not start, or start-up was cancelled.
     """
     if n_workers < 1:
-        raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
+        raise SurveyError(f"a cluster of {n_workers} processes cannot compute: use 1 process or more")
     with ExitStack() as stack:
-        # Its event loop logs every lost connection with a traceback until it ends; dask's own option, `silence_logs`,
-        # is over before that.
+        # The cluster's event loop logs every lost connection with a traceback until it ends. dask's own option
+        # `silence_logs` does not silence the last of these, because it is reset earlier.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
-        # Python looks for modules there first, and dask's default directory is open to all accounts.
+        # Workers run in this directory, where Python first looks for modules; dask's default is open to all accounts.
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
         stack.enter_context(dask.config.set({**NOTES, **NO_PAGES, "temporary-directory": scratch}))
         try:
@@ -243,16 +248,16 @@ def _scheduler() -> SpecCluster:
 
 @contextmanager
 def connect(url: str) -> Iterator[Client]:
-    """Use an existing dask scheduler, such as `tcp://host:8786`, which is left running.
+    """Connect to an existing dask scheduler, for example at `tcp://host:8786`. The scheduler keeps running afterwards.
 
-    Its workers need this package in the same version, and the file system of the store. At `tls://host:8786`, dask's
-    own settings `distributed.comm.tls` name the certificates.
+    Its workers need the same version of this package, and access to the store under the same path. For an address
+    `tls://host:8786`, dask's settings `distributed.comm.tls` name the certificates.
 
     Parameters
     ----------
     url : str
-        Address of the scheduler, or a scheduler file (`dask scheduler --scheduler-file PATH.json`), which is read anew
-        at each call: a batch system starts the next scheduler elsewhere.
+        Address of the scheduler, or path of a scheduler file (`dask scheduler --scheduler-file PATH.json`). The file is
+        read again at each call, because a batch system may start the next scheduler on another host.
 
     Yields
     ------
@@ -268,15 +273,15 @@ def connect(url: str) -> Iterator[Client]:
     """
     url = _address_of(url)
     with ExitStack() as stack:
-        # The client logs every lost connection with a traceback; here it becomes one exception.
+        # The client logs every lost connection with a traceback; the exception below says it in one sentence.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         try:
             _probe(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two: wrong settings of TLS in dask
+        except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url} ({error}): start them, or correct it"
+                f"no dask scheduler with workers answers at {url} ({error}): start them, or correct the address"
             ) from error
         try:
             require_compatible(client)
@@ -289,12 +294,13 @@ def connect(url: str) -> Iterator[Client]:
 
 
 def require_compatible(client: Client) -> None:
-    """Compare versions of this process with those of all workers.
+    """Require that all workers have the same versions of Python and packages as this process.
 
     Raises
     ------
     SurveyError
-        A worker lacks this package, or has another version of it, of Python or of a library; the message names both.
+        A worker lacks this package, or has another version of it, of Python or of a library. The message names both
+        versions.
     """
     found = client.run(find_spec, MODULE, on_error="return")
     if without := [address for address, spec in found.items() if not isinstance(spec, ModuleSpec)]:
@@ -332,7 +338,7 @@ def _named(addresses: list[str]) -> str:
 
 
 def _address_of(url: str) -> str:
-    """Return the address of a scheduler that is given by its address or by a scheduler file."""
+    """Return a scheduler's address, given the address or a scheduler file. Raises ClusterLostError."""
     if not url.endswith(".json"):
         return url
     try:
@@ -344,13 +350,13 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """Kill workers in the middle of their tasks; only those with a nanny, which starts them again."""
+    """Kill workers in the middle of their tasks. Workers without a nanny are spared, because nothing restarts them."""
     if addresses:
-        # A frozen worker does not answer. It computes nothing, so nobody waits for it.
+        # A frozen worker does not answer this call, so a thread makes the call and nothing waits for the answer.
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
-        deadline = time.monotonic() + END_SECONDS  # until they are gone, dask may send them further tasks
+        deadline = time.monotonic() + END_SECONDS  # dask may send tasks to these workers until they are gone
         with suppress(OSError):
             while time.monotonic() < deadline and not client.nthreads().keys().isdisjoint(addresses):
                 time.sleep(LOOK_SECONDS)
@@ -361,17 +367,17 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
     keys = {future.key for future in futures}
     try:
         processing = client.processing()
-        client.cancel(futures)  # or they would begin again elsewhere
+        client.cancel(futures)  # otherwise dask would start these tasks again on other workers
     except OSError:  # the scheduler is gone
         return
     end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
 
 
 def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
-    """Cancel tasks, and return once no process computes them.
+    """Cancel tasks, and return when no process computes any of them.
 
-    A task may have begun while it was cancelled, without the scheduler's knowledge; a worker without a nanny completes
-    it.
+    A worker may have begun a task just when it was cancelled, and the scheduler does not know of it. Workers with a
+    nanny are killed; a worker without a nanny completes such a task.
     """
     end_tasks(client, futures)
     quiet, keys = 0, {future.key for future in futures}
@@ -379,7 +385,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
         Thread(target=_ask, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
-        with suppress(Empty):  # a frozen worker does not answer, and computes nothing
+        with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
         end_processes(client, at_work)
         quiet = 0 if at_work else quiet + 1
@@ -401,12 +407,12 @@ async def _end_process(dask_worker: Worker) -> None:
 
 
 def _probe(url: str) -> None:
-    """Raise an error unless something answers at the address: a dask client that never connected hangs at its end."""
+    """Raise an error unless something answers at the address, because a dask client that never connects hangs later."""
 
     async def knock() -> None:
         answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))
         await answer.close()
 
-    # In a thread of its own, because a notebook's thread has an event loop already.
+    # A thread of its own runs the event loop, because a notebook's thread already has one.
     with ThreadPoolExecutor(1) as thread:
         thread.submit(asyncio.run, knock()).result()

@@ -1,4 +1,4 @@
-"""Costs of the tiles of a run: predicted from some of their cells, measured when they end, and the time left."""
+"""Predict the costs of a run's tiles from some of their cells and from finished tiles, and the time left."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ from gear_rattle.workers.cluster.partial import PartialTile
 from gear_rattle.workers.kinds import AnyTile
 from gear_rattle.workers.survey.tiles import TileRecord
 
-MANY = 64  # tiles from which cells are measured: with fewer, the first finished tiles say as much
-MEASURED = 256  # the most tiles of which cells are computed for their cost ...
-FEWEST, EACH = 128, 5  # ... the fewest such cells of all tiles, and the most of one tile
-KEPT = 64  # the most cells of a tile whose measured cell is kept; in larger tiles it is computed again with the others
-NEAREST = 5  # measured cells whose mean predicts a tile's cost: a single one may be expensive by chance
-TRUST = 1.0  # weight of the predictions relative to the measured seconds of finished tiles
-BITS = 20  # bits of the number of a row or column of tiles
+MANY = 64  # cells are measured if a run has at least this many tiles; else its first finished tiles tell as much
+MEASURED = 256  # at most this many tiles have measured cells
+FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles together, but at most EACH in one tile
+#: The measured cells of a tile are kept if it has at most this many cells for each; in larger tiles they are computed
+#: again with the others, which takes less time than computing the others without them.
+KEPT = 64
+NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
+TRUST = 1.0  # weight of the predictions, relative to the measured seconds of finished tiles
+BITS = 20  # a row or column of tiles has a number of at most this many bits
 
 
 @dataclass
 class Begun:
     """State of a run, with which it continues after a pause.
 
-    partial: partly computed tiles, by index. foreseen: predicted seconds of a cell of a tile, by index.
+    partial: partly computed tiles, by index. foreseen: measured seconds for a cell of each measured tile, by index.
     """
 
     partial: dict[int, PartialTile] = field(default_factory=dict)
     foreseen: dict[int, float] = field(default_factory=dict)
-    _each: int = 1  # measured cells of a tile
-    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each tile that is left ...
-    _rest: float = 0.0  # ... and of all of them
-    _ended: float = 0.0  # predicted seconds of the finished tiles, and measured ones (_spent)
-    _spent: float = 0.0
+    _each: int = 1  # how many cells are measured in a tile
+    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each tile that is left, by index
+    _rest: float = 0.0  # sum of _expected
+    _ended: float = 0.0  # predicted seconds of all finished tiles
+    _spent: float = 0.0  # measured seconds of all finished tiles
 
     def to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Return the tiles, of a grid with so many columns, of which cells are computed to predict the cost."""
+        """Return the tiles in which cells are measured, to predict costs. columns: columns of the grid of tiles."""
         if len(tiles) + len(self.foreseen) < MANY:
             return []
         new = [tile for tile in tiles if tile.index not in self.foreseen]
@@ -45,7 +47,7 @@ class Begun:
         return evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def take_measured(self, tile: AnyTile) -> bool:
-        """Note the cost of a tile after one more of its cells; return whether it needs further cells."""
+        """Record the cost of a tile after another of its cells was measured; return whether it needs further cells."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:
@@ -55,22 +57,22 @@ class Begun:
         return False
 
     def take_ended(self, record: TileRecord) -> None:
-        """Note what a tile has cost."""
+        """Record the measured cost of a finished tile."""
         seconds = self._expected.pop(record.index)
         self._rest -= seconds
         self._ended += seconds
         self._spent += record.seconds
 
     def expect(self, tiles: Sequence[AnyTile], columns: int) -> None:
-        """Predict the cost of each of these tiles, which are all that are left, from measured tiles near it.
+        """Predict the cost of each remaining tile from the measured tiles near it. tiles: all remaining tiles.
 
-        Without any measurement a cell counts as one second, until finished tiles show the pace.
+        Without measurements a cell counts as one second, until finished tiles show how long a cell really takes.
         """
         self._expected = {tile.index: float(tile.n_cells) for tile in tiles}
         for index in self.partial.keys() - self._expected.keys():
             del self.partial[index]
         if self.foreseen and tiles:
-            from scipy.spatial import KDTree  # takes a tenth of a second to load, which workers need not
+            from scipy.spatial import KDTree  # here, because it takes a tenth of a second to load
 
             known = np.array(list(self.foreseen))
             wanted = np.array(list(self._expected))
@@ -83,14 +85,14 @@ class Begun:
         self._rest = math.fsum(self._expected.values())
 
     def in_order(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Sort tiles: partly computed ones, then the most expensive ones; equally expensive ones spread over the plane.
+        """Sort tiles: first partly computed ones, then by falling cost; equally expensive ones spread over the plane.
 
-        Few tiles stay in their order.
+        Fewer than MANY tiles keep their order.
 
         Returns
         -------
         list[AnyTile]
-            The same tiles, the first to be computed first.
+            The same tiles, in the order in which to compute them.
         """
         if len(tiles) + len(self.foreseen) < MANY:
             return list(tiles)
@@ -99,7 +101,7 @@ class Begun:
         )
 
     def seconds_left(self, threads: int) -> float | None:
-        """Return the seconds until all tiles have ended; None if nothing has been measured."""
+        """Return the seconds until all tiles have ended; None if no cell and no tile has been measured."""
         trusted = TRUST * (self._ended + self._rest) if self.foreseen else 0.0
         if not threads or not self._ended + trusted:
             return None
@@ -112,17 +114,17 @@ class Begun:
             begun += seconds
             if done < EACH:
                 lefts.append(max(pace * seconds - part.record.seconds, 0.0))
-            else:  # the tile's own cells predict better
+            else:  # the tile's own computed cells predict better than its neighbours
                 lefts.append(part.record.seconds / done * (part.done.size - done))
         others = pace * max(self._rest - begun, 0.0)
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
 
 
 def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
-    """Sort tiles of a grid with so many columns so that the first ones, however many, are spread over the plane.
+    """Sort tiles so that the first n tiles, for any n, are spread over the plane. columns: columns of tiles.
 
-    Every second row and column comes before the others, among these every second one first, and so on, as in ordered
-    dithering.
+    The order is that of ordered dithering: every second row and column comes before the others, and among these again
+    every second one comes first, and so on.
 
     Returns
     -------

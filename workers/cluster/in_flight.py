@@ -1,4 +1,4 @@
-"""Tasks on a cluster: submit them, wait for their ends, and tell a failed task from a lost cluster."""
+"""Tasks on a cluster: submit them, wait until they end, and distinguish a failed task from a lost cluster."""
 
 import asyncio
 import concurrent.futures
@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Task(Generic[Work]):
-    """A submitted task: its future, its work, and the time of its submission."""
+    """A submitted task. work: what it computes. began: time.monotonic() when it was submitted."""
 
     future: Future
     work: Work
@@ -38,10 +38,10 @@ class InFlight(ABC, Generic[Work, Result]):
     """The submitted tasks of one run. Subclasses decide the order of submission and the response to failures."""
 
     def __init__(self, client: Client, name: str, lost: str) -> None:
-        """Take the prefix of the tasks' keys, and the message for a lost scheduler."""
+        """Store the client; name: prefix of the tasks' keys in dask. lost: message if the scheduler is lost."""
         self._client, self._lost = client, lost
         self._loop = cast("IOLoop", client.loop)
-        self._name = f"{name}-{uuid4().hex}"  # keys of another run must not be taken for this one's
+        self._name = f"{name}-{uuid4().hex}"  # unique, so that dask does not confuse the tasks of two runs
         self._submitted = 0
         self._ended: SimpleQueue[tuple[Future, Any, BaseException | None]] = SimpleQueue()
         self._workers_seen = time.monotonic()
@@ -52,7 +52,18 @@ class InFlight(ABC, Generic[Work, Result]):
         """Respond to a failed task, or raise its error."""
 
     def threads(self, patience: float) -> int:
-        """Return the number of the cluster's threads; raise ClusterLostError after so many seconds without workers."""
+        """Return the number of the cluster's threads.
+
+        Returns
+        -------
+        int
+            0 while the cluster has no workers.
+
+        Raises
+        ------
+        ClusterLostError
+            The scheduler is gone, or the cluster has had no workers for `patience` seconds.
+        """
         try:
             threads = sum(self._client.nthreads().values())
         except Exception as error:  # a client that was closed meanwhile raises errors of several types
@@ -61,11 +72,11 @@ class InFlight(ABC, Generic[Work, Result]):
         if threads:
             self._workers_seen = now
         elif now - self._workers_seen > patience:
-            raise ClusterLostError(f"the cluster has had no workers for {patience:.0f} s: start some")
+            raise ClusterLostError(f"the cluster has had no workers for {patience:.0f} s: start workers")
         return threads
 
     def put(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
-        """Submit a task, with options of dask's `submit`."""
+        """Submit a task. options: arguments of dask's `Client.submit`."""
         self._submitted += 1
         key = f"{self._name}-{self._submitted}"
         try:
@@ -76,13 +87,13 @@ class InFlight(ABC, Generic[Work, Result]):
         future.add_done_callback(partial(self._loop.add_callback, self._bring))
 
     def next_ended(self, seconds: float) -> tuple[Task[Work], Result] | None:
-        """Return the next finished task and its result; None if none finishes in time."""
+        """Return the next finished task and its result, or None if no task finishes within `seconds`."""
         try:
             future, result, error = self._ended.get(timeout=seconds)
         except Empty:
             return None
         task = self.in_flight.get(future.key)
-        if task is None:  # it was dropped meanwhile
+        if task is None:  # `drop` has forgotten the task
             return None
         if error is None:
             return task, result
@@ -94,9 +105,10 @@ class InFlight(ABC, Generic[Work, Result]):
         raise error
 
     async def _bring(self, future: Future) -> None:
-        """Wait for a result for as long as its worker keeps it; if that worker dies, dask computes it again.
+        """Wait for a task, and queue its result or error.
 
-        It asks for each result once: each request waits at a frozen worker, and the client has few at a time.
+        If the worker dies before it has sent the result, dask computes the task again. Each result is requested once
+        only, because a client has few requests open at a time, and requests to a frozen worker stay open.
         """
         result, error = None, None
         try:
@@ -106,9 +118,9 @@ class InFlight(ABC, Generic[Work, Result]):
         self._ended.put((future, result, error))
 
     def drop(self, belongs: Callable[[Work], bool]) -> None:
-        """Forget tasks. The scheduler then cancels unfinished ones.
+        """Forget the tasks whose work `belongs` selects. The scheduler then cancels them if they are unfinished.
 
-        If finished tasks were kept, dask would compute those of a dead worker again.
+        Finished tasks must be forgotten too: dask would compute a kept one again if its worker died.
         """
         for key, task in list(self.in_flight.items()):
             if belongs(task.work):

@@ -1,6 +1,6 @@
-"""Compute a tile that killed its workers, or never ended, cell by cell in a process of its own.
+"""Compute a tile that killed its workers, or did not end, cell by cell in a process of its own.
 
-Only the cells that kill the process, or never end, are lost.
+Only cells that kill this process, or take too long, have no values.
 """
 
 import os
@@ -18,17 +18,17 @@ from gear_rattle.workers.kinds import AnyRequest, AnyTile, cell_outcomes, comput
 from gear_rattle.workers.survey.tiles import CellOutcome, TileArrays, TileRecord
 from rattle.numerics import environment
 
-#: A cell fails after so many deaths of its process: a single death may have another cause.
+#: A cell fails after this many deaths of its process, because a single death may have another cause.
 ATTEMPTS = 2
-#: The most processor time of a cell, in seconds: a hundred times that of the slowest cell that is known to end.
+#: The most processor time of a cell, in seconds: a hundred times the time of the slowest known cell.
 CELL_SECONDS = 600
 _START = f"from {__name__} import serve_cells; serve_cells()"
 
 
 def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
-    """Compute a tile as `compute_tile` does, to the bit, in a process that may be killed.
+    """Compute a tile in a process that may be killed; values are equal to the bit to those of `compute_tile`.
 
-    A cell that kills it has status 3 and a message that names the signal, like any other cell that fails.
+    A cell that kills the process fails like any other: it has status 3, and a message, which names the signal.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
 
 
 def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
-    """Yield outcomes until the process ends; raise an error that no cell caused."""
+    """Yield the outcomes of cells until the process ends. Raises errors of the process that no cell caused."""
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):
@@ -91,11 +91,11 @@ def _cause(code: int) -> str:
 
 
 def serve_cells() -> None:
-    """Evaluate the cells that stdin names, and write each outcome to stdout: the main function of the process."""
+    """Compute the cells that stdin names, and write each outcome to stdout: the main function of the process."""
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # a library may print: that is not an outcome
+    os.dup2(2, 1)  # text that a library prints goes to stderr, so that stdout has outcomes only
     request, tile, first, memory = pickle.load(sys.stdin.buffer)
-    # End with the worker: its stdin closes, and nobody reads outcomes. Kernels release the GIL, so this thread can run.
+    # When the worker ends, stdin closes and this thread ends the process. It can run because kernels release the GIL.
     threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()
     if memory:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
@@ -111,7 +111,7 @@ def serve_cells() -> None:
 
 
 def _limit_next_cell() -> None:
-    """Let the system end this process after the processor time of a cell: nothing else interrupts a kernel."""
+    """Let the system kill this process after CELL_SECONDS of processor time; nothing else can interrupt a kernel."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     limit = int(time.process_time()) + CELL_SECONDS
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))

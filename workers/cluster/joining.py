@@ -1,4 +1,4 @@
-"""Tasks on a cluster that complete a survey: its join, its levels and its certificates."""
+"""Run the tasks that complete a survey on a cluster: its families, levels and certificates."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -14,24 +14,24 @@ from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
-#: Attempts at a task, each of which ends after two dead workers.
+#: A task is attempted this often; an attempt ends when two workers have died.
 ATTEMPTS = 3
-SEVERAL = 8  # tasks for each thread, where further ones are submitted only after all have ended
+SEVERAL = 8  # tasks for each thread in a batch, where the next batch begins only after all tasks have ended
 
 
 @dataclass(frozen=True)
 class _Item:
-    """Number of a task's arguments, and the attempt at it."""
+    """An attempt at a task. number: index of its arguments. attempt: 1 for the first attempt."""
 
     number: int
     attempt: int
 
 
 class Joining(InFlight[_Item, Any]):
-    """Runs the tasks that complete a survey on a cluster; `each` is the argument of `complete`."""
+    """Runs the tasks that complete a survey on a cluster. Its method `each` is an argument of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
-        """Take a function that says, several times a second, whether to stop."""
+        """Store the client; should_stop: called several times a second, returns whether to stop."""
         super().__init__(client, "join", LOST)
         self._should_stop = should_stop
         self._waiting = deque[_Item]()
@@ -39,25 +39,25 @@ class Joining(InFlight[_Item, Any]):
     def each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
-        """Run a task for each of these items, as `map` does."""
+        """Run `task(request, path, *item)` for each item, as `map` does."""
         return self.map(task, [(request, path, *item) for item in items])
 
     def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Run a task with each of these arguments, as many at a time as the cluster has threads.
+        """Run `task(*item)` for each item, as many at a time as the cluster has threads.
 
         Returns
         -------
         list[Any]
-            Results in the order of the arguments.
+            Results in the order of the items.
 
         Raises
         ------
         ClusterLostError
             The cluster is gone.
         StoppedError
-            `should_stop` returned true; no process computes any of the tasks then.
+            `should_stop` returned true. No process computes any of the tasks any more.
         SurveyError
-            A task cannot be done.
+            A task failed, or killed its worker repeatedly.
         """
         found = [None] * len(items)
         self._waiting = deque(_Item(number, 1) for number in range(len(items)))
@@ -80,7 +80,7 @@ class Joining(InFlight[_Item, Any]):
         return found
 
     def several(self) -> int:
-        """Return a number of tasks that keeps every thread busy for long."""
+        """Return how many tasks a batch needs so that no thread is idle for long before the batch ends."""
         return SEVERAL * max(self.threads(WORKERLESS_SECONDS), 1)
 
     def after_error(self, task: Task[_Item], error: BaseException) -> None:
@@ -90,6 +90,6 @@ class Joining(InFlight[_Item, Any]):
             raise error
         if task.work.attempt == ATTEMPTS:
             raise SurveyError(
-                "the process that joins the blocks of the survey was killed repeatedly: see the log of the workers"
+                "a task that completes the survey killed its worker repeatedly: see the log of the workers"
             ) from error
         self._waiting.append(_Item(task.work.number, task.work.attempt + 1))

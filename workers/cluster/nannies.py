@@ -1,7 +1,7 @@
-"""The process that starts the workers of a cluster on this machine, each with a nanny of dask that replaces it.
+"""The process that starts the workers of a cluster on this machine. Each worker has a nanny of dask, which restarts it.
 
-A worker that multiprocessing starts imports the main module of the process that starts it. Here that is this module, so
-a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
+A worker that multiprocessing starts imports the main module of the process that starts it. Here the main module is this
+one. So a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
 """
 
 import asyncio
@@ -16,16 +16,20 @@ from typing import Any, NamedTuple
 
 OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
 
-# Most objects are modules: collecting garbage among them took a fifth of a worker's start. The threshold is set here
-# because a worker imports this module before anything else.
+# Garbage collections among the imported modules took a fifth of a worker's start. The threshold is set here because a
+# worker imports this module before anything else.
 gc.set_threshold(OBJECTS)
 
-#: The process that removes the semaphores of the others once they are gone.
+#: Module of the process with which Python removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"
 
 
 class Start(NamedTuple):
-    """Message to the process on stdin: dask's settings, the scheduler, and the options of each worker's nanny."""
+    """The message that this process reads from stdin.
+
+    config: dask's settings. scheduler: address of the scheduler. nice: how far to lower the priority of all processes.
+    options: options of each worker's nanny.
+    """
 
     config: dict[str, Any]
     scheduler: str
@@ -35,10 +39,10 @@ class Start(NamedTuple):
 
 
 def main() -> None:
-    """Serve until all workers have closed, or the process that wrote to stdin has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit it
+    """Run nannies and workers until all workers have closed, or the process that wrote to stdin has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit this
     import dask
-    import distributed  # noqa: F401 - while the caller's scheduler starts
+    import distributed  # noqa: F401 - loaded while the caller's scheduler starts
 
     start: Start = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
@@ -61,14 +65,14 @@ def _end_with_parent() -> None:
 
 
 def end_processes_of(pid: int) -> None:
-    """Kill a process and all its descendants, frozen ones too; the tracker of semaphores ends by itself after them."""
+    """Kill a process and all its descendants, frozen ones too. TRACKER is spared, because it ends by itself."""
     import psutil
 
     with suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         children = process.children(recursive=True)
         if pid != os.getpid():
-            process.kill()  # it comes first because it would replace the others
+            process.kill()  # first, because this process would restart killed workers
         for child in children:
             with suppress(psutil.Error):
                 if TRACKER not in " ".join(child.cmdline()):

@@ -1,4 +1,4 @@
-"""Tiles in parts: a task computes cells of a tile for a few seconds, and another task continues with the rest."""
+"""Compute tiles in parts: a task computes cells of a tile for a few seconds, and the next task continues."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
-PART_SECONDS = 2.0  # longest task, unless one cell takes longer: surveys take turns between tasks
+PART_SECONDS = 2.0  # a task takes at most this long, unless one cell takes longer; other surveys can begin after it
 FEW = 16  # a tile with fewer cells has no parts
-QUICK = 0.25  # a tile that takes less than this share of the seconds has no parts
+QUICK = 0.25  # a tile that takes less than this share of a task's time has no parts
 
 
 @dataclass(frozen=True)
 class PartialTile:
     """A partly computed tile.
 
-    values: arrays of the whole tile. done (rows, columns): the computed cells; the gears of a population are one row.
-    record: sums over these cells. slowest: seconds of a cell in the slowest group so far.
+    values: arrays of the whole tile. done (rows, columns): flags of the computed cells; the gears of a population are
+    one row. record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
     """
 
     values: TileArrays
@@ -39,9 +39,9 @@ class PartialTile:
 
 
 def is_divisible(request: AnyRequest, cells: int) -> bool:
-    """Return whether a tile of so many cells can take long and be computed in parts.
+    """Return whether a tile with this number of cells may take long, and can be computed in parts.
 
-    Closed forms take no time, and leaves of a refined survey share cells: these have no parts.
+    Tiles of closed forms take no time. Refined tiles cannot be divided, because their leaves share cells.
 
     Returns
     -------
@@ -58,21 +58,21 @@ def is_divisible(request: AnyRequest, cells: int) -> bool:
 def compute_partly(
     request: AnyRequest, tile: AnyTile, before: PartialTile | None, seconds: float, expected: float = math.inf
 ) -> PartialTile:
-    """Compute further cells of a tile, for so many seconds.
+    """Compute further cells of a tile for some seconds.
 
-    No cell depends on those that are computed with it, so results do not depend on the parts. The size of a group of
-    cells follows from the slowest cells of the tile: corners and middle are computed first, each alone, for an
-    estimate.
+    No cell depends on other cells, so results do not depend on the division into parts. Cells are computed in groups.
+    The middle and the corners are computed first, each alone; the size of all other groups follows from the slowest
+    group so far.
 
     Parameters
     ----------
     before : PartialTile | None
-        The cells computed so far; None for none.
+        The tile with the cells computed so far; None at first.
     seconds : float
-        No further group of cells begins after these; at least one cell is computed.
+        No further group begins after this time. At least one cell is computed.
     expected : float
-        Seconds of a cell in the slowest part of the survey so far. A tile that is quick even at that rate is computed
-        at once, because groups would take longer.
+        Seconds for a cell in the slowest part of the survey so far. A tile that takes little time even at this rate is
+        computed at once, because dividing it into groups would take longer.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def _nothing(tile: AnyTile) -> PartialTile:
 
 
 def _next_group(done: np.ndarray, most: int) -> tuple[slice, slice]:
-    """Return the rows and columns of the next cells, which are adjacent and at most so many."""
+    """Return the rows and columns of the next group: at most `most` adjacent cells that are not computed yet."""
     rows, columns = done.shape
     for i, j in ((rows // 2, columns // 2), (0, 0), (0, -1), (-1, 0), (-1, -1)):
         if not done[i, j]:
@@ -130,7 +130,7 @@ def _extended(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice
 
 
 def _piece(tile: AnyTile, rows: slice, columns: slice) -> AnyTile:
-    """Return these rows and columns of a tile, as a tile with the same index."""
+    """Return some rows and columns of a tile as a tile with the same index."""
     if isinstance(tile, Tile):
         return replace(tile, epsilon=_within(tile.epsilon, rows), delta=_within(tile.delta, columns))
     return replace(tile, gear=_within(tile.gear, columns))

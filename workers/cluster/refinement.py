@@ -1,4 +1,4 @@
-"""Maps of a window on a cluster, in finer and finer steps; their tasks come before the tiles of any survey."""
+"""Compute the map of a window on a cluster, level by level; its tasks have priority over the tiles of all surveys."""
 
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -11,28 +11,28 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
-PART_SECONDS = 0.3  # intended duration of a part, which cannot be interrupted
-FIRST_CELLS = 64  # cells of a part, until the time of a cell is known
-FIRST_CLOSED_FORM = 16_384
-FRAME_SECONDS = 0.4  # between frames of one level
-POLL_SECONDS = 0.1
-WORKERLESS_SECONDS = 20.0
+PART_SECONDS = 0.3  # intended duration of a part; a running part cannot be interrupted
+FIRST_CELLS = 64  # cells of a part as long as the time for a cell is not known
+FIRST_CLOSED_FORM = 16_384  # the same for variables in closed form
+FRAME_SECONDS = 0.4  # seconds between two frames of a level
+POLL_SECONDS = 0.1  # seconds between two checks whether to stop
+WORKERLESS_SECONDS = 20.0  # the cluster is lost after this time without workers
 AHEAD = 2  # submitted parts for each thread: a running one and a waiting one
-LOST = "the workers are gone, or being replaced: try again in a few seconds"
+LOST = "the workers are gone, or are being restarted: try again in a few seconds"
 
 
 def refined_frames(
     client: Client, survey: SurveyRequest, variable: str, index: int, should_stop: Callable[[], bool]
 ) -> Generator[Frame, None, None]:
-    """Compute a map of a window on a cluster, as `window_survey` has it, in frames of increasing resolution.
+    """Compute a map of a window on a cluster, and yield frames of increasing resolution.
 
-    It blocks between frames, so it needs a thread of its own. When it ends or is closed, no task is left on the cluster
-    but running parts, which take about half a second.
+    survey: the window's request, from `window_survey`. The generator blocks between frames, so it needs a thread of its
+    own. When it ends or is closed, only parts that are already running, for about half a second, remain on the cluster.
 
     Parameters
     ----------
     should_stop : Callable[[], bool]
-        Called several times a second; after it returns true there are no more frames.
+        Called several times a second; no frames follow after it returns true.
 
     Yields
     ------
@@ -44,7 +44,7 @@ def refined_frames(
     ClusterLostError
         The cluster is gone.
     SurveyError
-        There is no such map, or a part of it cannot be computed.
+        The survey has no such map, or a part of the map cannot be computed.
     """
     work = _Work(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
@@ -69,7 +69,7 @@ def refined_frames(
 
 
 class _Work(InFlight[WindowPart, PartValues]):
-    """The parts of one window that are on the cluster."""
+    """The parts of a window that are on the cluster."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
         super().__init__(client, "window", LOST)
@@ -78,7 +78,7 @@ class _Work(InFlight[WindowPart, PartValues]):
         self._cells, self._seconds = 0, 0.0
 
     def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[WindowPart]:
-        """Yield the parts of a level. Measured times decide their size, so that a part takes PART_SECONDS."""
+        """Yield the parts of a level. Their size follows from measured times, so that a part takes PART_SECONDS."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)
@@ -103,7 +103,9 @@ class _Work(InFlight[WindowPart, PartValues]):
                 yield task.work, values
 
     def after_error(self, _: Task[WindowPart], error: BaseException) -> None:
-        """Raise an error: parts are not repeated, because a window is shown now or never."""
+        """Raise an error. Parts are not repeated, because a viewer does not wait for a window that long."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error
-        raise SurveyError(f"a part of this window failed: {type(error).__name__}: {error}") from error
+        raise SurveyError(
+            f"a part of this window failed ({type(error).__name__}: {error}): choose another window"
+        ) from error

@@ -38,12 +38,13 @@ from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: Attempts at a template, each of which ends after two dead workers: dask may send it to a worker that is just ending.
+#: A template is attempted this often, because dask may send it to a worker that is just ending. An attempt ends when
+#: two workers have died.
 ATTEMPTS = 3
 
 
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
-    """Compute a tile and write it to the store. The record has the digests of the written chunks."""
+    """Compute a tile and write it to the store. apart: compute it in a process of its own."""
     if apart:
         values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
     else:
@@ -60,9 +61,10 @@ def advance_tile(
     expected: float,
     seconds: float,
 ) -> TileRecord | PartialTile:
-    """Compute a tile and write it to the store, or compute a part of it that takes so many seconds.
+    """Compute a tile and write it to the store, or compute a part of the tile for some seconds.
 
-    This is the task that a cluster runs, and repeats if necessary. A tile that is computed apart has no parts.
+    This is the task that the cluster runs, and repeats if necessary. apart: compute the whole tile in a process of its
+    own. before, expected, seconds: arguments of `compute_partly`.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def advance_tile(
     if apart or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, apart)
     if not (loaded := _loaded_for(request)):
-        compute_partly(request, tile, None, 0.0)  # loads kernels, so that the next cell's time is its own
+        compute_partly(request, tile, None, 0.0)  # loads kernels, so that measured times do not include loading
         loaded.append(True)
     part = compute_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
@@ -82,7 +84,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return a list for a request that is empty until this process has loaded the kernels of that request."""
+    """Return a list for each request. It is empty until this process has loaded the kernels that the request needs."""
     return []
 
 
@@ -91,12 +93,12 @@ def _never() -> bool:
 
 
 def template_on(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
-    """Return the result of `template_of`, computed on a cluster: some curves take minutes to trace.
+    """Compute `template_of` on a cluster, because some curves take minutes to trace.
 
     Parameters
     ----------
     should_stop : Callable[[], bool]
-        Called several times a second; if true, the process that computes the template is ended.
+        Called several times a second; when it returns true, the process that computes the template is killed.
 
     Returns
     -------
@@ -144,9 +146,10 @@ def complete_on(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = _never,
 ) -> None:
-    """Complete a survey on a cluster, block by block, as `complete` does, holding the lock of the store.
+    """Complete a survey on a cluster with `complete`, while holding the lock of the store.
 
-    Arguments and errors are those of `template_on` and `complete`. After a stop no process computes any of it.
+    See `complete` for on_proved and should_pause, and `template_on` for should_stop and the errors. After a stop no
+    process computes any part of it.
     """
     place, joining = place_of(where), Joining(client, should_stop)
     with place.writing():
@@ -160,7 +163,7 @@ def certify_on(
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = _never,
 ) -> Dataset:
-    """Prove the attractors of a survey on a cluster, as `certify_survey` does; StoppedError after a stop."""
+    """Prove the attractors of a survey on a cluster with `certify_survey`. Raises StoppedError after a stop."""
     joining = Joining(client, should_stop)
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
@@ -181,39 +184,39 @@ def run_tiles(
     begun: Begun | None = None,
     on_left: Callable[[float], None] = lambda _: None,
 ) -> None:
-    """Compute tiles of a created store on a cluster, until all are written or `should_stop` or `should_pause` says so.
+    """Compute tiles on a cluster and write them to an existing store, until all are written or the run must stop.
 
-    Where tiles can take long, some cells of many tiles are computed first to predict their cost, and the most expensive
-    tiles come first. A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed
-    cell by cell in a process of its own: only the cells that kill it, or take too much processor time, fail.
+    If tiles may take long, some cells of many tiles are computed first to predict costs, and the most expensive tiles
+    come first. A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by
+    cell in a process of its own, so that only those cells fail that kill the process or take too much processor time.
 
     Parameters
     ----------
     on_tile : Callable[[TileRecord], None]
-        Called in this thread, with each tile that has been written.
+        Called in this thread with the record of each written tile.
     should_stop : Callable[[], bool]
-        Called several times a second. After it returns true this returns within seconds: tiles that end meanwhile are
-        reported, the others are left for the next run.
+        Called several times a second. The run ends within seconds after this returns true. Tiles that end in that time
+        are reported; all others are left to the next run.
     unwanted : Callable[[], bool]
-        Called after a stop; if true, nobody needs the running tiles, and their processes are ended at once.
+        Called after a stop. If it returns true, nobody needs the running tiles, and their processes are killed at once.
     should_pause : Callable[[], bool]
-        Called several times a second; if true, no more tasks begin. Running ones end within PART_SECONDS unless one
-        cell takes longer.
+        Called several times a second. After it returns true, no more tasks begin. Running tasks end within
+        PART_SECONDS, unless one cell takes longer.
     begun : Begun | None
         State of earlier runs, before a pause; updated in place.
     on_left : Callable[[float], None]
-        Called in this thread with the seconds that the tiles will still take, whenever the prediction improves.
+        Called in this thread with the predicted seconds until all tiles have ended, whenever the prediction changes.
 
     Raises
     ------
     StorageError
         A tile cannot be written now (the disk is full or read-only); the message names it.
     SurveyError
-        A tile cannot be computed; or another run holds the store.
+        A tile cannot be computed, or another run has locked the store.
     ClusterLostError
-        The cluster is gone; the tiles not reported can be run on another.
+        The cluster is gone. Tiles that were not reported can be computed on another cluster.
     MissingExtraError
-        The request asks for certificates, which the workers cannot make.
+        The request asks for certificates, but the workers lack the extra packages for proofs.
     """
     tiles = list(tiles)
     for tile in tiles:
@@ -252,7 +255,7 @@ def run_tiles(
                         if begun.take_measured(tile):
                             measuring.append(tile)
 
-                    submission.seconds = 0.0  # one cell
+                    submission.seconds = 0.0  # a task computes one cell
                     _run(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     begun.expect(list(left.values()), columns)
@@ -266,7 +269,8 @@ def run_tiles(
                 if not should_stop():
                     _run(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
-                    end_tasks_and_wait(client, submission.superseded)  # they would overwrite tiles of later rounds
+                    # Repeated attempts at finished tiles would overwrite the tiles of later rounds.
+                    end_tasks_and_wait(client, submission.superseded)
             finally:
                 submission.cancel()
 
@@ -286,12 +290,12 @@ def _run(
         elif found:
             on_tile(found)
 
-    has_begun = False  # at least one tile begins before a pause, or a run that always pauses would never end
+    has_begun = False  # at least one tile begins before a pause: otherwise a run that always pauses would never end
     while (waiting or submission.in_flight) and not should_stop():
         if waiting and has_begun and should_pause():
             waiting.clear()
-        # Late tiles come before new ones. They are repeated again if there are no new ones: a repetition may have gone
-        # to a frozen worker, too.
+        # Late tiles are repeated before new tiles begin. If there are no new tiles, late tiles are repeated once more,
+        # because the first repetition may have gone to a frozen worker, too.
         room = submission.room()
         room -= submission.repeat_late_tiles(again=not waiting or not room)
         for _ in range(min(room, len(waiting))):

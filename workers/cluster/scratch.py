@@ -1,4 +1,4 @@
-"""The directory for temporary files of a cluster. A killed process leaves one behind, and the next start removes it."""
+"""The directory for a cluster's temporary files. If a killed process leaves one behind, the next start removes it."""
 
 import fcntl
 import os
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 PREFIX = "rattle-workers-"
-HELD = "held"  # a file that its owner keeps locked; the system unlocks it however the owner ends
+HELD = "held"  # a file that the directory's owner keeps locked; the system unlocks it however the owner ends
 
 
 @contextmanager
@@ -18,7 +18,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
     Parameters
     ----------
     root : str or None
-        Parent directory; by default that of temporary files.
+        Parent directory; by default the system's directory for temporary files.
 
     Yields
     ------
@@ -30,9 +30,10 @@ def scratch_directory(root: str | None) -> Iterator[str]:
         new = os.path.join(path, f"{HELD}.new")
         file = os.open(new, os.O_RDWR | os.O_CREAT, 0o600)
         try:
-            with suppress(OSError):  # if the file system has no locks, nobody can lock it, and nobody removes it
+            # If the file system has no locks, HELD does not appear, and no other run removes the directory.
+            with suppress(OSError):
                 fcntl.flock(file, fcntl.LOCK_EX)
-                os.rename(new, os.path.join(path, HELD))  # locked from the moment that others see it
+                os.rename(new, os.path.join(path, HELD))  # renamed after locking, so others never see it unlocked
             yield path
         finally:
             os.close(file)
@@ -42,7 +43,7 @@ def _remove_abandoned(root: str) -> None:
     with suppress(OSError), os.scandir(root) as entries:
         for entry in entries:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
-                with suppress(OSError):  # it belongs to another account, or is gone
+                with suppress(OSError):  # the directory belongs to another account, is in use, or is gone
                     _remove_unless_held(entry.path)
 
 

@@ -1,4 +1,4 @@
-"""The tiles of one run on the cluster: submitted, repeated where that helps, awaited and cancelled."""
+"""The tiles of one run on the cluster: submit them, repeat late ones, wait for them, and cancel them."""
 
 import math
 import time
@@ -17,14 +17,16 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, described, tile_error
 from gear_rattle.workers.survey.tiles import TileRecord
 
-#: A tile is late after both this time and ten times the longest tile of the run: its worker may be frozen.
+#: A tile is late if it takes longer than LATE_SECONDS, and than LATE_FACTOR times the longest tile of the run so far.
+#: Its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile of TILE_CELLS may take TILE_SECONDS on a worker, a larger one longer, MOST times as long at most; a usual tile
-#: takes seconds.
+#: A tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker; a larger one proportionally longer, but at most
+#: MOST times as long. A usual tile takes seconds.
 TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
-#: Least time between two tiles that are ended so: a process restarts meanwhile.
+#: After the process of such a tile has been killed, the next one is killed after this time at the earliest, because the
+#: process restarts meanwhile.
 RESTART_SECONDS = 60.0
-#: A cluster may have no workers for so long, because they may be restarting.
+#: A cluster is lost after this time without workers; shorter times pass while workers restart.
 WORKERLESS_SECONDS = 60.0
 LOST = "the dask scheduler is gone: start one and run the survey again, which resumes it"
 
@@ -51,26 +53,26 @@ class Submission(InFlight[Attempt, Found]):
         client: Client,
         partial: dict[int, PartialTile] | None = None,
     ) -> None:
-        """Take the task and its arguments.
+        """Store the function that tasks run, and its arguments.
 
-        The task takes the request, the path, a tile, whether it is computed apart, its partial values, seconds of a
-        cell in the slowest part so far, and of this task. partial: partly computed tiles, by index, updated in place.
+        task: called as `advance_tile`. path: location of the store. partial: partly computed tiles by index, updated in
+        place.
         """
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path
         self._partial = {} if partial is None else partial
-        self._slowest = 0.0  # seconds of a cell
+        self._slowest = 0.0  # seconds for a cell in the slowest part so far
         self.seconds = PART_SECONDS  # intended duration of a task
         self.n_threads = 0
         self._longest = 0.0
         self._next_end = 0.0
-        #: Attempts that may still run although another attempt at the same tile has ended.
+        #: Futures that may still run although another attempt at the same tile has ended.
         self.superseded: list[Future] = []
 
     def room(self) -> int:
-        """Return how many more tiles keep every thread busy.
+        """Return how many more tiles are needed to keep every thread busy.
 
-        No tile waits at a worker: when a worker dies, dask blames every task that it holds.
+        No tile waits at a busy worker, because dask counts a worker's death against every task that the worker has.
 
         Returns
         -------
@@ -81,17 +83,17 @@ class Submission(InFlight[Attempt, Found]):
         return max(self.n_threads - len(self.in_flight), 0)
 
     def submit(self, tile: AnyTile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
-        """Submit a tile; `apart`, in a process of its own, if it kills its workers."""
+        """Submit a tile. apart: compute it in a process of its own. workers: addresses of workers to choose from."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
         self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, *known, workers=workers)
 
     def repeat_late_tiles(self, again: bool) -> int:
-        """Submit tiles that take far longer than any before to idle workers as well: the first result counts.
+        """Submit late tiles a second time, to idle workers. The first result counts.
 
         Parameters
         ----------
         again : bool
-            Whether to repeat tiles that were repeated before. They may only be slow, and new tiles would wait.
+            Also repeat tiles that were repeated before. They may just be slow, and delay new tiles.
 
         Returns
         -------
@@ -112,9 +114,10 @@ class Submission(InFlight[Attempt, Found]):
         return len(self.in_flight) - before
 
     def set_endless_tile_apart(self) -> None:
-        """End the process of a tile that has taken too long, and compute the tile apart, with a limit for each cell.
+        """Kill the process of a tile that has taken too long, and compute the tile apart, with a limit for each cell.
 
-        One tile at a time: an ending process may still be sent a tile, which dask would count as its death.
+        Only one tile is treated at a time: dask may send another tile to the ending process, and would count the death
+        against that tile.
         """
         now = time.monotonic()
         endless = (each for each in self.in_flight.values() if not each.work.apart and now - each.began > _limit(each))
@@ -124,12 +127,12 @@ class Submission(InFlight[Attempt, Found]):
             self._again_apart(task.work.tile)
 
     def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
-        """Return the record of the next tile that ends, or a tile of which another part is computed.
+        """Wait for the next task. Return the record of a finished tile, or a tile with another part computed.
 
         Returns
         -------
         TileRecord | AnyTile | None
-            None if neither comes within `seconds`.
+            None if no task ends within `seconds`.
         """
         if (ended := self.next_ended(seconds)) is None:
             return None
@@ -148,7 +151,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def after_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Repeat a tile apart after a worker's death; raise any other error."""
+        """Compute a tile apart if it has killed its workers; raise any other error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
@@ -169,7 +172,7 @@ class Submission(InFlight[Attempt, Found]):
         self.drop(lambda attempt: attempt.tile.index == tile.index)
 
     def cut_off(self) -> None:
-        """Cancel all tasks, and end the processes that compute nothing else."""
+        """Cancel all tasks, and kill the processes that compute nothing else."""
         futures = [task.future for task in self.in_flight.values()]
         self.in_flight.clear()
         end_tasks(self._client, futures)
@@ -181,7 +184,7 @@ class Submission(InFlight[Attempt, Found]):
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
     def _idle(self) -> list[str]:
-        """Return the idle workers; those that hold an undelivered result come last, since they may be frozen."""
+        """Return the idle workers. Workers with an undelivered result come last, because they may be frozen."""
         try:
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
             held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])

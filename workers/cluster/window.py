@@ -1,7 +1,7 @@
 """A window of the (δ, ε) plane at screen resolution: its grid, the order of its cells, and its frames.
 
-A window is the grid of the survey that it would be, and its cells are evaluated as those of that survey. Each level has
-every other row and column of the next, up to the whole grid.
+A window's cells are computed like the cells of a survey with the window's grid. The grid is computed level by level:
+each level has every second row and column of the next finer level, and the last level is the whole grid.
 """
 
 import math
@@ -23,21 +23,22 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, s
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
-HALVINGS = 5  # from the coarsest level to the whole grid
-MOST_PIXELS = 4096
-RESOLVED = 4  # least distance of neighbouring values of an axis, in units in the last place
-CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # computed at once at full resolution, if in closed form
+HALVINGS = 5  # the coarsest level has every 2⁵-th row and column of the whole grid
+MOST_PIXELS = 4096  # the most pixels along an axis
+RESOLVED = 4  # neighbouring values of an axis differ by at least this many units in the last place
+#: Groups that are computed at once at full resolution, if the model has them in closed form.
+CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})
 
 
 class WindowPart(NamedTuple):
-    """Some cells of a window's grid: strided rows and columns of it."""
+    """Some cells of a window's grid: its rows and columns as slices with a step."""
 
     epsilon: slice
     delta: slice
 
 
 class PartValues(NamedTuple):
-    """Result of a part: values (n_epsilon, n_delta), the number of failed cells, and seconds."""
+    """Result of a part: values (n_epsilon, n_delta), the number of failed cells, and the seconds that it took."""
 
     values: np.ndarray
     failed: int
@@ -48,9 +49,8 @@ class PartValues(NamedTuple):
 class Frame:
     """A partly computed window: cell centres delta (n,) and epsilon (m,), values (m, n) in the dtype of the map.
 
-    A cell of this level that is not computed yet has the value of a neighbour of the level before. done: share of the
-    cells of the finest level that are computed, 1 in the last frame; failed: cells without a value because they could
-    not be computed.
+    A cell that is not computed yet has the value of a neighbour on the next coarser level. done: computed share of the
+    whole grid, 1 in the last frame. failed: number of cells that could not be computed and have no value.
     """
 
     delta: np.ndarray
@@ -61,7 +61,7 @@ class Frame:
 
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
-    """Return the variable of a map. Raises SurveyError if a survey of this model has no such map."""
+    """Return the variable that a map shows. Raises SurveyError if a survey of this model has no such map."""
     per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_of(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
@@ -73,16 +73,16 @@ def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
 
 
 def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int]) -> SurveyRequest:
-    """Return the survey of a window with about `pixels` cells along (delta, epsilon): its cells are the window's.
+    """Return the request for a survey of the window, with about `pixels` cells along (delta, epsilon).
 
-    Parts outside the plane (δ ≤ 0, ε < 0) are cut off, and no axis is finer than double precision can resolve. All
-    other fields are those of `request`, its defaults included, except that the tile has its default shape and nothing
-    is proved.
+    Parts of the window outside the plane (δ ≤ 0, ε < 0) are cut off, and no axis is finer than double precision can
+    resolve. Each axis has k·2ᵖ + 1 values, so that the coarsest level includes both ends. All other fields are those of
+    `request`, except that the tile has its default shape and nothing is proved.
 
     Returns
     -------
     SurveyRequest
-        The request, whose axes have 2ᵖk + 1 values.
+        The request.
 
     Raises
     ------
@@ -104,12 +104,12 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
 
 
 def _axis(name: str, low: float, high: float, number: int) -> Axis:
-    """Return an axis of 2ᵖk + 1 values, p up to HALVINGS: so its ends are on every level."""
+    """Return an axis of about `number` values: k·2ᵖ + 1 with p ≤ HALVINGS, so that its ends are on every level."""
     if not low < high:
-        raise SurveyError(f"the window has no width along {name} ({low} to {high}): choose another")
+        raise SurveyError(f"the window has no width along {name} ({low} to {high}): choose another window")
     least = (high - low) / number if name == "delta" else 0.0
     if high <= least:
-        raise SurveyError(f"the window lies outside the plane ({name} up to {high}): move it")
+        raise SurveyError(f"the window lies outside the plane ({name} up to {high}): move it to positive {name}")
     low = max(low, least)
     number = min(number, int((high - low) / (RESOLVED * math.ulp(high))))
     if number < 2:
@@ -119,7 +119,7 @@ def _axis(name: str, low: float, high: float, number: int) -> Axis:
 
 
 class Grid:
-    """The grid of a window while it fills."""
+    """The grid of a window, with the values computed so far."""
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
         self.delta, self.epsilon = survey.delta.values(), survey.epsilon.values()
@@ -132,7 +132,7 @@ class Grid:
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[WindowPart, ...]:
-        """Return the cells of a level that no earlier level has, as one or two parts."""
+        """Return the cells of a level that no coarser level has, as one or two parts."""
         step = 2**level
         if level == self.levels[0]:
             return (WindowPart(slice(0, None, step), slice(0, None, step)),)
@@ -140,7 +140,7 @@ class Grid:
         return WindowPart(odd, every), WindowPart(even, odd)
 
     def parts(self, block: WindowPart, cells: int) -> Iterator[WindowPart]:
-        """Cut a block into parts of about so many cells: bands of rows, or pieces of a row."""
+        """Yield the parts of a block, with about `cells` cells each: bands of rows, or pieces of a row."""
         rows, columns = range(self.epsilon.size)[block.epsilon], range(self.delta.size)[block.delta]
         band = max(1, cells // max(len(columns), 1))
         piece = len(columns) if cells >= len(columns) else max(1, cells)
@@ -155,7 +155,7 @@ class Grid:
         self.failed += found.failed
 
     def frame(self, level: int) -> Frame:
-        """Return the computed values at this level; cells not yet computed have the values of the level before."""
+        """Return the values on a level. Cells that are not computed yet have values of the next coarser level."""
         step = 2**level
         rows, columns = (np.arange(0, number, step) for number in self.values.shape)
         at, known = self.values[np.ix_(rows, columns)], self.known[np.ix_(rows, columns)]
@@ -172,10 +172,10 @@ def _slice(some: range) -> slice:
 def compute_part(
     request: SurveyRequest, variable: str, index: int, delta: np.ndarray, epsilon: np.ndarray
 ) -> PartValues:
-    """Compute a map on the cells epsilon × delta. This is a task of the cluster; failed cells keep the fill value."""
+    """Compute a map on the cells epsilon × delta; failed cells have the fill value. This is a task of the cluster."""
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
-    # the status of a cell depends on all stored variables
+    # The variable `status`, which has no group, needs the computation of all stored variables.
     wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
     groups = {each.group for each in wanted}
     cells = Cells(
@@ -191,7 +191,7 @@ def compute_part(
         values = _evaluated(wanted, index, cells)
     except MACHINE_FAILURES:
         raise
-    except Exception:  # an error of the model is the result of that cell
+    except Exception:  # the model failed in some cell: compute the cells one by one
         values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
@@ -204,7 +204,7 @@ def compute_part(
 
 
 def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Evaluate some variables, and return the map of the last one."""
+    """Compute variables, and return the map of the last one. index: position along its dimension beside the cells."""
     for quantity in (each for each in wanted if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

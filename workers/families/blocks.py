@@ -1,4 +1,7 @@
-"""The blocks in which a survey is joined, independent of its tiles, and their temporary files in the store."""
+"""The blocks in which a survey's attractors are joined to families, and their temporary files in the store.
+
+Blocks do not depend on the tiles of the survey.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,16 @@ from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: Slots of the cells of a block, some 100 MB of a worker. It changes the bits of one continued orbit in 10⁸.
+#: The most slots in a block, for which a worker needs some 100 MB. Another number changes one continued orbit in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19
 
 
 @dataclass(frozen=True)
 class Block:
-    """A rectangle of cells, with its row and column among blocks of `side` cells; also a chunk of the family arrays."""
+    """A rectangle of cells that is joined in one task, and is a chunk of the array of family numbers.
+
+    row, column: its position among the blocks. side: cells along a side of a block; blocks at the end may be smaller.
+    """
 
     row: int
     column: int
@@ -33,19 +39,20 @@ class Block:
 
     @property
     def chunk(self) -> str:
-        """The key of the chunk with the families of its slots."""
+        """The key of the chunk with the family numbers of its slots."""
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def kept(self, what: str) -> str:
-        """Return the key of a temporary file of the block, which exists while the survey is joined."""
+        """Return the key of a temporary file of the block, COMPONENTS or TARGETS. It exists during the join only."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
-COMPONENTS, TARGETS = "components", "slots"  # names of the temporary files
+#: Names of a block's temporary files: the component of each attractor, and its slot.
+COMPONENTS, TARGETS = "components", "slots"
 
 
 def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
-    """Return the blocks that cover the grid of a survey without a third axis, or of a slice, row by row."""
+    """Return the blocks that cover the grid of a slice, or of a survey without a third axis, row by row."""
     side, (rows, columns) = max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots)), request.shape
     return [
         Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
@@ -55,7 +62,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Return a rectangle extended by the cells around it; with before=0, by those after it only."""
+    """Extend a rectangle by one cell on each side. With before=0, extend it at the end of both axes only."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -65,31 +72,31 @@ def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Recta
 
 
 def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Return whether cells, given by their number in the grid, are in a rectangle."""
+    """Return for each cell, given by its number in the grid, whether it is in a rectangle."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
 
 
 def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Return a table whose cells are numbered in a rectangle instead of in the grid."""
+    """Replace the cells' numbers in the grid by their numbers in a rectangle."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
 def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Return a table whose cells are numbered in the grid instead of in a rectangle."""
+    """Replace the cells' numbers in a rectangle by their numbers in the grid."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
 def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
-    """Return the attractors that a survey lists in a rectangle of a slice, in order, with their cells in the grid.
+    """Read the attractors that a survey lists in a rectangle of a slice; their cells are numbered in the grid.
 
     Returns
     -------
     Slots
-        One row for each attractor.
+        The attractors, sorted by cell, and their slots.
     """
     at: tuple[int | slice | EllipsisType, ...] = (
         *along,
@@ -104,13 +111,13 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return the component for each attractor of the block, continued ones included, in their order."""
-    with reading(f"what is kept of {place}"):
+    """Return the component of each attractor of a block, listed or continued, sorted by cell."""
+    with reading(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle:
-    """Return the intersection of two rectangles; an empty one ends before it begins."""
+    """Return the intersection of two rectangles. If it is empty, its end is before its beginning."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
@@ -120,9 +127,9 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """Return the slots (places, m, n) for the first, the second, … listed attractor of the cells of a rectangle.
+    """Read the slots (slots, m, n) to which the listed attractors of each cell of a rectangle belong.
 
-    blocks: those that cover it.
+    Along the first axis are the first, second, … attractor of a cell. blocks: the blocks that cover the rectangle.
 
     Returns
     -------
@@ -132,7 +139,7 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
         of, both = block.cells, common(block.cells, cells)
-        with reading(f"what is kept of {place}"):
+        with reading(f"a temporary file of {place}"):
             kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
         kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
         found[_at(both, cells)] = kept[_at(both, of)]
@@ -140,7 +147,7 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
 
 
 def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
-    """Return the position of a part of a rectangle in an array (slots, m, n) over it."""
+    """Return the index of a part of a rectangle in an array (slots, m, n) over the rectangle."""
     return (
         slice(None),
         slice(part.top - whole.top, part.bottom - whole.top),
@@ -149,6 +156,6 @@ def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
 
 
 def place_in_cell(cell: np.ndarray) -> np.ndarray:
-    """Return for each row of a sorted table how many rows of the same cell precede it."""
+    """Return for each attractor, sorted by cell, how many attractors of the same cell precede it."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

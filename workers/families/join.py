@@ -1,4 +1,4 @@
-"""Join the attractors of a survey to families after its tiles, by blocks whose tasks may run anywhere."""
+"""Join the attractors of a survey to families after all tiles. Each task handles one block, here or on a cluster."""
 
 from __future__ import annotations
 
@@ -45,22 +45,22 @@ from rattle.families import (
     together,
 )
 
-#: Variables of a stored curve: its points, and the number of the piece that each is on.
+#: Variables of a stored curve: δ and ε of its points, and the number of the piece that each point is on.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 
 Rows = TypeVar("Rows", Attractors, Border)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey with all its tiles still has to be joined."""
+    """Return whether the families of a survey whose tiles are all computed are still missing."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
 def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here, at_once: int = 1) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
-    The caller holds the lock of the store. The result is a function of the cells alone: neither the shape of tiles nor
-    their order changes it. A run that was killed leaves a survey without families, which is joined anew.
+    The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
+    killed run leaves a survey without families, and the next call joins it from the beginning.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
 
 
 class _Join:
-    """One join of a slice. It keeps summaries of all blocks in memory, which grows with families and borders."""
+    """The join of one slice. It keeps summaries of all blocks in memory: their families, and attractors at borders."""
 
     def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.at(along)
@@ -92,7 +92,13 @@ class _Join:
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
     def run(self) -> tuple[Joined, Edges, dict[str, str]]:
-        """Join the slice and write the families of its cells; return families, their edges, and digests of chunks."""
+        """Join the slice and write the family numbers of its cells.
+
+        Returns
+        -------
+        tuple[Joined, Edges, dict[str, str]]
+            The families, their edges, and the digests of the written chunks by key.
+        """
         curves = _curves(self._request, self._place, self.along)
         entered = self._entered()
         parts: list[Connected] = self._of_blocks(connect_block, zip(entered, self._after(entered), strict=True))
@@ -115,13 +121,13 @@ class _Join:
         return self._each(task, self._request, str(self._place), items)
 
     def _near(self, block: Block) -> list[int]:
-        """Return the numbers of a block and of those around it."""
+        """Return the indices of a block and of the blocks around it."""
         steps = product((-1, 0, 1), repeat=2)
         found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
         return [i for i in found if i is not None]
 
     def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return the rows of the blocks' tables in the cells around one block; with before=0, in those after it."""
+        """Select the rows in the cells around a block (with before=0, after its end) from the tables of all blocks."""
         frame = with_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._near(block)]
         rim = [
@@ -139,14 +145,12 @@ class _Join:
         return [self._beside(block, tables, before=0) for block in self.blocks]
 
     def _entered(self) -> list[Attractors]:
-        """Return the orbits continued into each block, in rounds until no block gets a new one.
-
-        A new orbit of one block is continued into its neighbours.
+        """Continue orbits into each block from its neighbours, in rounds, until no block gets a new orbit.
 
         Returns
         -------
         list[Attractors]
-            One table for each block.
+            The continued orbits of each block.
         """
         nothing = no_attractors()
         new: list[Attractors] = self._of_blocks(enter_block, [(nothing, None)] * len(self.blocks))
@@ -162,8 +166,19 @@ class _Join:
                 new[i], entered[i] = found, together(entered[i], found)
 
     def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
-        """Return for each block the survey's component of each of its components, and of −1."""
-        from scipy.sparse import coo_array  # an eighth of a second to load
+        """Join the components of all blocks. Return for each block the survey's component of each of its components.
+
+        Parameters
+        ----------
+        parts : Sequence[Connected]
+            The components of each block.
+
+        Returns
+        -------
+        list[np.ndarray]
+            For each block: numbers by component of the block, and NO_FAMILY as the last entry, for component −1.
+        """
+        from scipy.sparse import coo_array  # here, because it takes an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
         begin = np.cumsum([0, *(part.number for part in parts)])
@@ -195,7 +210,7 @@ class _Join:
         return self._of_blocks(tell_block, zip(entered, component, self._after(first), passed, strict=True))
 
     def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
-        """Return the slot that each family has in all its cells, and −1 for none."""
+        """Return the slot that each family has in all its cells, −1 if it has none, and a last entry −1."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
@@ -204,7 +219,7 @@ class _Join:
     def _written(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
     ) -> dict[str, str]:
-        """Write the families of all cells, and move attractors to their slots. Return digests of the added chunks."""
+        """Write all family numbers, move attractors to their slots, and return the digests of the new chunks."""
         found = self._of_blocks(
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
@@ -215,7 +230,7 @@ class _Join:
     def _move(self) -> None:
         """Move the attractors of all tiles to their slots.
 
-        A tile that a killed run moved but did not record counts as damaged, and is computed again.
+        A tile that an earlier, killed run rewrote but did not record counts as damaged, and is computed again.
         """
         known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
         with noting(self._place) as note:
@@ -226,13 +241,13 @@ class _Join:
 
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
-    """Return the borders of all blocks in one table; the components of block i begin with number begin[i]."""
+    """Concatenate the borders of all blocks. The numbers of block i's components are shifted by begin[i]."""
     found = Border.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
 def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """Return the stored curves of a slice."""
+    """Read the curves of a slice from the store."""
     found: dict[str, Polyline] = {}
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:

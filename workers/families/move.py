@@ -1,4 +1,4 @@
-"""Move the attractors of a tile to the slots of its families."""
+"""Move the attractors of a tile to the slots of their families."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ from rattle.families import Rectangle
 def move_tile(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
 ) -> Mapping[str, str]:
-    """Move the attractors of a tile to their slots; a tile whose attractors are all in place is left alone.
+    """Move the attractors of a tile to their slots, and write the tile unless all attractors already are in place.
 
-    A tile that an earlier task was moving when its worker died has an unknown state: it is computed again.
+    If the stored tile is damaged, for example because a worker died while it moved attractors, it is computed again.
 
     Parameters
     ----------
     blocks : Sequence[Block]
-        The blocks that cover the tile. known: digests of its chunks before.
+        The blocks that cover the tile.
+    known : Mapping[str, str]
+        Digests of the tile's chunks in the manifest, by key.
 
     Returns
     -------
     Mapping[str, str]
-        Digests of its chunks afterwards, by their key.
+        Digests of the tile's chunks afterwards, by key.
     """
     values = read_tile(request, path, tile, known)
     computed = values is not None
@@ -52,7 +54,7 @@ def move_tile(
 def _source(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """Return for each slot of a tile (slots, m, n) the slot from which it takes its attractor."""
+    """Return for each slot (slots, m, n) of a tile the present slot of the attractor that belongs there."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)

@@ -1,4 +1,4 @@
-"""One family of a survey as a map."""
+"""Open one family of a survey as a map."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ PER_CELL = {
     "velocity": "speed v of a representative point",
     "lyapunov": "Lyapunov exponent per forcing period, natural logarithm",
     "multiplier": "size of the Floquet multiplier of a periodic motion",
-    "attractors": "attractors of the cell that are of this family: more than one where monodromy is",
+    "attractors": "number of attractors of this family in the cell; more than one where the family has monodromy",
 }
 
 
 def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:
     """Return one family of a survey that was computed with families, as a map over (epsilon, delta).
 
-    `fraction`, and its upper bound, is NaN in cells without the family, and 0 where its orbit exists but no sample
-    reached it. `phase` and `velocity` are a point of the attractor; `lyapunov` has both exponents, and `multiplier` the
-    moduli of the multipliers of a periodic orbit. `attractors` is the number of attractors of the family in a cell:
-    their fractions are added, and all else describes the one with the largest fraction. Attributes are the family's row
-    of the group `families`.
+    `fraction` and its upper bound are NaN in cells without the family; `fraction` is 0 where its orbit exists but no
+    sample reached it. `phase` and `velocity` are a state on the attractor; `lyapunov` has both exponents, and
+    `multiplier` the moduli of the multipliers of a periodic orbit. `attractors` is the number of attractors of the
+    family in a cell. If there are several, `fraction` is their sum, and all other variables describe the attractor with
+    the largest fraction. The attributes are the family's row of the group `families`.
 
     Parameters
     ----------
     slice_number : int | None
-        The slice, from 0, of a survey with a third axis: each slice has families of its own.
+        Number of the slice, from 0, if the survey has a third axis; each slice has its own families.
 
     Returns
     -------
@@ -61,9 +61,14 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
 def family_of(
     opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Return one family as a map, as `open_family` does, of a survey that `opened` opens, whole or by group.
+    """Return one family as a map, like `open_family`, of a survey that is opened by a function.
 
-    `name` stands for the survey in messages.
+    Parameters
+    ----------
+    opened : Callable[[str | None], xr.Dataset]
+        Opens the survey (None), or a group of it, given the group's path.
+    name : str
+        What messages call the survey.
 
     Returns
     -------
@@ -73,14 +78,14 @@ def family_of(
     Raises
     ------
     SurveyError
-        There are no families, or none of this number.
+        The survey has no families, or no family of this number.
     """
     import xarray as xr
 
     with opened(None) as whole:
         survey = slice_of(whole, slice_number)
         if FAMILY not in survey:
-            raise SurveyError(f"{name} has no families: compute it with --quantity {Group.FAMILIES}")
+            raise SurveyError(f"{name} has no families: compute a survey with --quantity {Group.FAMILIES}")
         with opened(group_in(slice_number, GROUP)) as table:
             if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
                 raise SurveyError(f"there is no family {number!r}: use a number from 0 to {table.sizes['family'] - 1}")
@@ -102,14 +107,22 @@ def family_of(
 
 
 def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return fraction, point, exponents and number of a family's attractors, from slots and continued orbits."""
+    """Return the maps of a family: fraction, state, exponents, and number of attractors.
+
+    entered: the family's orbits that continuation found without a slot.
+
+    Returns
+    -------
+    dict[str, np.ndarray]
+        Maps by name.
+    """
     of = np.asarray(survey[FAMILY]) == number
     share = np.where(of, np.asarray(survey["attractor_fraction"], float), -1.0)
     slot, there = share.argmax(axis=0), of.any(axis=0)
     at = entered["entered_row"].values, entered["entered_column"].values
 
     def best(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Return the value of the attractor with the largest share, or else of the continued orbit."""
+        """Return the values of the attractor with the largest fraction, or of the continued orbit without a slot."""
         values = np.asarray(survey[f"attractor_{name}"], float)
         index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
         found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)

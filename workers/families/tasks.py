@@ -1,6 +1,6 @@
-"""Process one block of a survey, or one tile, while its attractors are joined.
+"""The tasks of the join: each handles one block of a survey.
 
-Each task is a function of the tiles' contents and of its arguments, and may be repeated.
+The result of a task follows from its arguments and the contents of tiles, so a task may be repeated.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from rattle import Attractors
 from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
 from rattle.numerics import StructOfArrays
 
-PLACES = 1 << 16  # larger than the number of attractors of any cell
+PLACES = 1 << 16  # more than a cell can have attractors
 
 
 @dataclass(frozen=True, eq=False)
 class Border(StructOfArrays):
-    """Attractors (k,) on the border of a block: cell, place in the cell, and component."""
+    """Attractors (k,) on the border of a block. place: position among the attractors of the cell."""
 
     cell: np.ndarray
     place: np.ndarray
@@ -49,16 +49,17 @@ class Border(StructOfArrays):
 
     @property
     def key(self) -> np.ndarray:
-        """A number that identifies each attractor, by cell and place."""
+        """A number for each attractor that identifies it by cell and place."""
         found: np.ndarray = self.cell * PLACES + self.place
         return found
 
 
 class Connected(NamedTuple):
-    """The components of a block, 0 to number − 1, of which 0 is quiet running.
+    """The components of a block.
 
-    first: the attractors of its first row and column. beyond: those in the cells after its last row and column, with
-    the component of the block that they join. entered: component of each orbit continued into the block.
+    number: their number; component 0 is quiet running. first: the attractors in the block's first row and column.
+    beyond: the attractors in the cells after its last row and column that are connected with a component of the block.
+    entered: the component of each orbit that was continued into the block.
     """
 
     number: int
@@ -68,7 +69,7 @@ class Connected(NamedTuple):
 
 
 class Told(NamedTuple):
-    """Summary of a block's components: their sums, their ends, and pairs listed in one cell."""
+    """Summary of a block's components: their sums, their edges, and the pairs of components that share a cell."""
 
     sums: Sums
     ends: FamilyEnds
@@ -78,14 +79,15 @@ class Told(NamedTuple):
 def enter_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
-    """Return the orbits that continue into a block from its own attractors and those around it.
+    """Continue orbits into the cells of a block, from cell to cell.
 
-    With `beside` only new orbits beside it are continued into it.
+    beside: orbits around the block that are new since the last call. If it is None, all attractors of the block and
+    around it are continued.
 
     Returns
     -------
     Attractors
-        The new orbits, in cells of the grid.
+        The new orbits in the block; their cells are numbered in the grid.
     """
     columns = request.shape[1]
     cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
@@ -105,15 +107,15 @@ def enter_block(
 def connect_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors
 ) -> Connected:
-    """Join the attractors of a block with each other and with those in the cells after it.
+    """Connect the attractors of a block with each other and with those in the cells after its last row and column.
 
-    entered: orbits continued into the block; beside: those continued into the cells after it. The component of each
-    attractor is kept in a temporary file.
+    entered: orbits that were continued into the block. beside: orbits that were continued into the cells after it. The
+    component of each attractor is written to a temporary file.
 
     Returns
     -------
     Connected
-        Components, and their links to other blocks.
+        The components of the block, and their connections to other blocks.
     """
     place, columns = place_of(path), request.shape[1]
     frame = with_rim(block.cells, request.shape, before=0)
@@ -126,7 +128,7 @@ def connect_block(
     component = connected(numbered_in(table, frame, columns), shape, _cells(request, frame))
     inside, where = within(table.cell, block.cells, columns), place_in_cell(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
-    numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # with an entry for −1
+    numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
     numbers[QUIET_FAMILY], numbers[mine] = QUIET_FAMILY, 1 + np.arange(mine.size)
     component = numbers[component]
     place.put(block.kept(COMPONENTS), component[inside].astype(np.int32).tobytes())
@@ -148,19 +150,23 @@ def tell_block(
     beyond: Border,
     crossings: Sequence[Crossings],
 ) -> Told:
-    """Summarize the components of the survey in a block.
-
-    component: the survey's component of each of the block's, and of −1.
+    """Summarize the survey's components in a block.
 
     Parameters
     ----------
+    entered : Attractors
+        The orbits that were continued into the block.
+    component : np.ndarray
+        The survey's component for each component of the block; the last entry is for component −1.
     beyond : Border
-        The attractors in the cells after the block.
+        The attractors in the cells after the block's last row and column.
+    crossings : Sequence[Crossings]
+        Where each curve passes between cells of the block.
 
     Returns
     -------
     Told
-        Sums, ends, and pairs of components in one cell.
+        Sums, edges, and pairs of components that share a cell.
     """
     place = place_of(path)
     found = attractors_in(request, place, block.cells, block.along)
@@ -175,9 +181,10 @@ def tell_block(
 def write_families(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
 ) -> str:
-    """Write the families of a block, and keep the slots of its attractors.
+    """Write the family numbers of a block, and the slots of its attractors to a temporary file.
 
-    family, slot: for each component of the block and for −1; slot −1 means that the family has no common slot.
+    family: the family of each component of the block; the last entry is for component −1. slot: the slot of each
+    component's family in all cells, −1 if it has none.
 
     Returns
     -------
@@ -198,7 +205,7 @@ def write_families(
     kept: dict[str, Buffer] = {}
     array = create_numbers(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
-    content = kept[replace(block, along=()).chunk].to_bytes()  # one more axis of length 1 changes no byte
+    content = kept[replace(block, along=()).chunk].to_bytes()  # a third axis of length 1 changes no byte of a chunk
     place.put(block.chunk, content)
     return digest(block.chunk, content)
 
@@ -209,12 +216,12 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
 
 
 def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """Return the attractors of a block, listed and continued ones, in their order.
+    """Return the attractors of a block, both listed and continued ones, sorted by cell.
 
     Returns
     -------
     tuple[Attractors, np.ndarray, np.ndarray]
-        Attractors, their components in the block, and whether tiles list them.
+        The attractors, the component of each in the block, and whether a tile lists it.
     """
     table = together(found.attractors, entered)
     order = in_order(table)
@@ -223,7 +230,7 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Return the pairs (k, 2) of components that occur in one cell, the smaller one first, sorted."""
+    """Return the pairs (k, 2) of components that share a cell, sorted, with the smaller number first."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # matplotlib takes half a second to import
 
 @xr.register_dataset_accessor("rattle")
 class SurveyAccessor:
-    """The accessor `rattle` of datasets that are surveys."""
+    """The accessor `rattle` of a survey's dataset, with methods that draw it."""
 
     def __init__(self, survey: xr.Dataset) -> None:
         self._survey = survey
@@ -20,8 +20,8 @@ class SurveyAccessor:
     def plot(self, variable: str = "region", index: int = 0, slice_number: int | None = None) -> Figure:
         """Draw a variable over the (δ, ε) plane.
 
-        Codes have their names and colours, numbers their unit. Bifurcation curves are drawn where they explain the map,
-        and a legend says why a cell has no value.
+        The colour bar has the names of codes, or the unit of numbers. Bifurcation curves that explain the map are drawn
+        over it, and a legend says why cells have no value.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The picture of a survey: its regions with the curves that bound them, quiet fraction, and largest exponent."""
+"""Draw the picture of a survey: its regions with their bounding curves, quiet fraction, and largest exponent."""
 
 from collections.abc import Iterable
 
@@ -27,12 +27,12 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     Returns
     -------
     Figure
-        A matplotlib figure, with a panel for each of the three that the survey has.
+        A matplotlib figure, with a panel for each of the three variables that the survey has.
 
     Raises
     ------
     SurveyError
-        The survey has none of the three.
+        The survey has none of the three variables.
     """
     model = surveyed_model(dataset)
     panels = [name for name in PANELS if name in dataset]
@@ -67,20 +67,20 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
 
 
 def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each of these codes that occurs (m, n) the cell in the middle of its widest part.
+    """Return for each requested code that occurs in a map (m, n) the middle cell of its widest part.
 
     Returns
     -------
     dict[int, tuple[int, int, float]]
         Row, column, and distance to the nearest cell of another code, by code.
     """
-    from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
+    from scipy.ndimage import distance_transform_edt  # here, because it takes a fifth of a second to load
 
     places = {}
     for code in asked:
         inside = codes == code
         if inside.any():
-            # A margin of cells outside keeps the name off the frame.
+            # A margin of cells with another code keeps the name away from the frame.
             depth = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
             i, j = np.unravel_index(np.argmax(depth), depth.shape)
             places[code] = int(i), int(j), float(depth[i, j])

@@ -1,6 +1,6 @@
-"""The families of a survey as maps: the largest family of each cell, as named and coloured codes, and the share of one.
+"""Two maps of a survey's families: the largest family of each cell (named, coloured codes), and the share of a family.
 
-Both are computed from the store when they are read, one band of rows after the other.
+Both maps are computed from the store when they are read, one band of rows after the other.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
 from rattle.plot import KIND_COLOURS, Palette, legend_name
 
-OTHERS = 31  # the last code: a level distinguishes 32 codes, the first of which is "none"
+OTHERS = 31  # the last code, for all further families: a level distinguishes 32 codes, and code 0 is "none"
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
 NONE_COLOUR = "#f4efe3"
-APART = 40.0  # least distance in CIELAB from earlier colours, if possible: many families lie side by side
-MOST_CELLS = 24_000_000
-BAND = 1 << 22  # numbers, in all slots, that are read at a time
-NOT_JOINED = "The families of this survey are not joined yet: they are there when all of its tiles are computed."
+APART = 40.0  # least distance in CIELAB between the colours of two families, if possible
+MOST_CELLS = 24_000_000  # families of larger surveys are not drawn
+BAND = 1 << 22  # at most this many numbers, in all slots, are read at a time
+NOT_JOINED = "The families of this survey are not joined yet: wait until all of its tiles are computed."
 CONTACTS = "attractor_contacts"
-LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and B attract nothing
+LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with a letter; A and B are never attractors
 
 
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """Return an open survey, or a slice of it, with its families as maps if `variable` is one of these.
+    """Return an open survey, or a slice of it; with the maps of its families if `variable` is LARGEST or SHARE.
 
     Parameters
     ----------
     opened : Callable[[str | None], xr.Dataset]
-        Opens the survey, or a group of it.
+        Opens the survey (None), or a group of it, given the group's path.
 
     Returns
     -------
     xr.Dataset
-        The survey or slice, with LARGEST and SHARE if one of them is requested.
+        The survey or slice.
 
     Raises
     ------
     SurveyError
-        The slice is not given, there are no families, or there are too many cells.
+        The survey has a third axis and no slice is given, it has no families, or it has more than `limit` cells.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -63,12 +63,14 @@ def open_maps(
             raise SurveyError(NOT_JOINED)
         raise SurveyError(f"this survey has no families: compute one with --quantity {Group.FAMILIES}")
     if (cells := math.prod(survey.sizes[axis] for axis in CELL)) > limit:
-        raise SurveyError(f"families are drawn of surveys of {limit:,} cells and fewer, not {cells:,}: save a window")
+        raise SurveyError(
+            f"the families of this survey's {cells:,} cells cannot be drawn, at most of {limit:,}: save a window of it"
+        )
     return with_families(survey, opened(group_in(number, GROUP)))
 
 
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
-    """Return a survey, or a slice of it, with two more variables.
+    """Add the maps of families to a survey, or to a slice of it. table: its group of families.
 
     Returns
     -------
@@ -98,7 +100,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return the names of the first families, such as "2: P(1,1,0) = C"; the letters are the impacting gear's."""
+    """Return the names of the first families, such as "2: P(1,1,0) = C"; only the impacting gear's have letters."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -114,7 +116,7 @@ def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[
 
 
 def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return the contact phases of a family in the cell where its share is largest; 0 for models without any."""
+    """Return the number of contact phases of a family where its share is largest; 0 for models without them."""
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
@@ -123,7 +125,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def colours_of(table: xr.Dataset) -> list[str]:
-    """Return the colours of the first families: that of the motion, and another one for its further families."""
+    """Return the colours of the first families: the usual colour of its motion, or another one if that is taken."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -132,16 +134,18 @@ def colours_of(table: xr.Dataset) -> list[str]:
 
 
 def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
-    """Return the family, `first` or a later one, with the largest share of the samples of each cell.
+    """Return for each cell the family with the largest share of its samples.
 
-    The shares of slots of one family are added; of equal shares the lower number wins.
+    Shares of several slots of one family are added. Of two families with equal shares, the lower number is returned.
 
     Parameters
     ----------
-    family, share : np.ndarray
-        (slots, …), family −1 where a slot has none.
-    family
-        Shape (slots, …), −1 where a slot has none; `share` alike.
+    family : np.ndarray
+        Family of each slot, shape (slots, …), −1 in an empty slot.
+    share : np.ndarray
+        Share of each slot, shape (slots, …).
+    first : int
+        Families with a lower number are left out.
 
     Returns
     -------
@@ -158,7 +162,7 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
 
 
 class _OfFamilies(BackendArray):
-    """An array computed from the slots of a survey when it is read; its first dimension has `length` maps."""
+    """An array of `length` maps that is computed from the slots of a survey when it is read."""
 
     def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
         self._family, self._fraction = survey[FAMILY], survey["attractor_fraction"]
@@ -179,7 +183,7 @@ class _OfFamilies(BackendArray):
         return found.reshape([size for each in asked for size in np.shape(each)])
 
     def _of(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Return the values of some rows and columns."""
+        """Return the values of some maps in some rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
         cells = np.ix_(rows - rows.min(), columns - columns.min())
@@ -193,7 +197,7 @@ class _OfFamilies(BackendArray):
 
 
 class _Codes(_OfFamilies):
-    """LARGEST: 0 without a family, else its number plus 1, at most OTHERS."""
+    """The map LARGEST. A code is the number of the family plus 1, at most OTHERS; 0 means no family."""
 
     def __init__(self, survey: xr.Dataset) -> None:
         super().__init__(survey, len(WHICH), np.int8)
@@ -203,7 +207,7 @@ class _Codes(_OfFamilies):
 
 
 class _Shares(_OfFamilies):
-    """SHARE: the share of one family, 0 where no sample reaches it."""
+    """The map SHARE: the share of one family, 0 where no sample reaches it."""
 
     def __init__(self, survey: xr.Dataset, families: int) -> None:
         super().__init__(survey, families, np.float32)

@@ -1,6 +1,6 @@
 """Reduce a survey that has more cells than a picture has pixels.
 
-Of the cells that become one, the rare value is displayed, so no island vanishes, however small it becomes.
+Several cells become one, which displays the rarest of their values, so that even the smallest island stays visible.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
-BAND = 1 << 22  # cells that are reduced at a time
-RARE = 2.0  # an extreme is rare if the mean is more than so many times closer to the other extreme
+BAND = 1 << 22  # at most this many cells are reduced at a time
+RARE = 2.0  # an extreme is rare if it is more than this many times as far from the mean as the other extreme
 
-NEAR = 1  # cells on each side in which the frequencies of codes are compared
+NEAR = 1  # the frequency of a code is counted up to this many cells away, on each side
 
 #: A function that opens a group of a survey's store; None if there is no such group.
 OpenGroup = Callable[[str], xr.Dataset | None]
@@ -31,9 +31,10 @@ OpenGroup = Callable[[str], xr.Dataset | None]
 
 @dataclass(frozen=True)
 class DisplayedCells:
-    """Displayed cells (epsilon, delta): float32 values, and the status of each.
+    """Displayed cells (epsilon, delta): their values, float32, and their status.
 
-    shares: shares of codes among the survey's own cells. without: share of the survey's own cells that have no number.
+    shares: the share of each code among the survey's own cells. without: the share of the survey's own cells that have
+    no number; None if it is not known.
     """
 
     values: np.ndarray
@@ -44,21 +45,21 @@ class DisplayedCells:
 
 @dataclass(frozen=True)
 class LevelPart:
-    """A rectangle of cells, along (epsilon, delta), of a map (level None) or of one of its levels."""
+    """A rectangle `at`, along (epsilon, delta), of the cells of a level, or of the map itself if `level` is None."""
 
     level: Level | None
     at: tuple[slice, slice]
 
 
 def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
-    """Return the finest level in which a window has at most so many cells.
+    """Return the finest level on which a window has at most `room` cells along (epsilon, delta).
 
-    The window reaches from the cells `first` to `end`. If no level is coarse enough, it is the coarsest.
+    first, end: the window, in cells of the map. If no level is coarse enough, the coarsest one is returned.
 
     Returns
     -------
     LevelPart
-        The level, and the window's cells in it.
+        The level, and the cells of the window on it.
     """
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
@@ -70,7 +71,7 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Lev
 
 
 def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
-    """Return the displayed cells of a map (m, n), as `drawn_numbers` returns it, reduced to a level."""
+    """Reduce a map to the displayed cells of a level. values: the map's `drawn_numbers`. status: (m, n) as stored."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -84,14 +85,14 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
 
 
 def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
-    """Return the level of codes that `reduce.codes` yields last, whose cells have so many rows.
+    """Reduce codes to the coarsest level of `steps`, whose cells have `rows` rows of the map each.
 
-    It works band by band, because the reduction takes hundreds of bytes a cell.
+    The map is reduced in bands, because the reduction takes hundreds of bytes for each cell.
 
     Returns
     -------
     reduce.Codes
-        Most frequent codes, their shares, and all codes that occur.
+        The most frequent codes, their shares, and all codes that occur.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
@@ -105,7 +106,7 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
 def of_level(
     plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
 ) -> DisplayedCells:
-    """Return the displayed cells of a part of a stored level; plane: the same map of the survey."""
+    """Return the displayed cells of a part of a stored level. plane: the map in full resolution."""
     name = str(plane.name)
 
     def read(name: str) -> np.ndarray:
@@ -123,17 +124,17 @@ def of_level(
 
 
 def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
-    """Return an open survey, or a slice of it, with a single map reduced to so few cells that a picture has room.
+    """Reduce one map of an open survey, or of a slice, to at most `room` cells along (epsilon, delta).
 
     Parameters
     ----------
     opened : OpenGroup | None
-        Opens groups of the same survey or slice; if its store has no levels, the whole map is read.
+        Opens groups of the same survey or slice. If the store has no levels, the whole map is read.
 
     Returns
     -------
     xr.Dataset
-        The reduced map and the status.
+        The reduced map and the status; the survey itself if it is small enough.
 
     Raises
     ------
@@ -146,7 +147,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None
-    if stored is not None and variable in stored:  # of families there are numbers of cells alone
+    if stored is not None and variable in stored:  # maps of families have no stored levels
         seen = of_level(plane, stored, index, level, part.at)
     else:
         with reading(f"the map of {variable}"):
@@ -165,12 +166,12 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
 
 
 def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function that opens a level of a survey, or of a slice of it."""
+    """Return a function that opens a level of a survey, or of a slice, by its path."""
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 
 def _step(cells: Pair, number: int) -> Pair:
-    """Return how many cells become one in a halving of this number, while an axis still needs halving."""
+    """Return how many cells become one in the halving with this number, from 0; cells: those of a cell at the end."""
     return (2 if cells[0] >> number > 1 else 1), (2 if cells[1] >> number > 1 else 1)
 
 
@@ -186,22 +187,24 @@ def _status(states: reduce.Codes) -> np.ndarray:
 
 
 def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return the number of cells of an axis in each cell of a level, which is `cells` except at the end."""
+    """Return how many cells of an axis are in each cell of a level: `cells`, but fewer in the last one."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found
 
 
 def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
-    """Return displayed codes: the most frequent code of a cell, or a rarer one.
+    """Choose the displayed code of each cell of a level.
 
-    Among the other codes of a cell, the one that occurs in the fewest cells around it is displayed, or else in the
-    fewest of this picture; rows, columns: numbers of the survey's cells in these.
+    A cell with several codes displays the code that occurs in the fewest cells around it; if two codes are equally
+    rare there, the code that occurs in the fewest cells of the picture. A code that more than half of the cell has is
+    displayed only if the cell has no other code. rows, columns: how many of the survey's cells each cell has along
+    each axis.
 
     Returns
     -------
     DisplayedCells
-        Codes as float32, with their shares.
+        The codes as float32, and their shares.
     """
     values = found.most.astype(np.int64)
     others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
@@ -222,7 +225,7 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
 
 
 def _around(cells: np.ndarray) -> np.ndarray:
-    """Return how many of the cells about each are set."""
+    """Return for each cell how many cells up to NEAR away from it are set."""
     size = 2 * NEAR + 1
     sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
     found: np.ndarray = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
@@ -232,7 +235,7 @@ def _around(cells: np.ndarray) -> np.ndarray:
 def _shares(
     found: reduce.Codes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
 ) -> dict[int, float]:
-    """Return the shares of codes: exact if all cells are known and no cell of a level has more than two codes."""
+    """Return the shares of codes. They are exact if all cells are computed and no cell of a level has more than two."""
     known = sizes[found.occurs > 0].sum()
     each = (1 - found.share) / np.maximum(np.bitwise_count(others), 1)
     return {
@@ -242,7 +245,15 @@ def _shares(
 
 
 def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
-    """Return displayed numbers: the mean, or an extreme if it is rare; none where cells without a number are rare."""
+    """Choose the displayed number of each cell of a level: the mean, or an extreme if it is rare.
+
+    If less than half of a cell has no number, the cell displays no number, because that is the rare value.
+
+    Returns
+    -------
+    DisplayedCells
+        The numbers as float32.
+    """
     mean, least, largest, share = statistics.astype(float)
     with np.errstate(invalid="ignore"):
         above, below = largest - mean, mean - least

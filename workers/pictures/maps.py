@@ -1,4 +1,7 @@
-"""One variable as a map over the (δ, ε) plane, without matplotlib's global state, since servers draw in threads."""
+"""Draw a variable as a map over the (δ, ε) plane.
+
+matplotlib's global state (pyplot) is not used, because servers draw in threads.
+"""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -44,7 +47,7 @@ from rattle.plot import REGION_COLOURS, new_figure
 
 ONLY_QUIET, EMPTY_SLOT = "only quiet", "empty slot"
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
-#: Words of a map for computed cells without a value.
+#: Words in the legend for computed cells without a value, by variable.
 WITHOUT_VALUE = {
     "basin_entropy": "undecided",
     "boundary_basin_entropy": "no boundary, or undecided",
@@ -60,16 +63,16 @@ WITHOUT_VALUE = {
         if each.group is Group.INTENSITY
     },
 }
-#: Such words for variables that are not listed, by their first dimension.
+#: The same words for all other variables, by their first dimension.
 WITHOUT_VALUE_OF = {SLOT: EMPTY_SLOT, "orbit": "no such orbit"}
 #: Descriptions of a slot of attractors, by the rule that orders slots.
 SLOTS = {
-    BY_FRACTION: "attractor {}, of those of a cell by falling share",
+    BY_FRACTION: "attractor {} of each cell, by falling share",
     BY_FAMILY: "slot {}, by family: a cell's other attractors are in other slots",
-    UNJOINED: "attractor {}, of those of a cell by falling share until families are joined",
+    UNJOINED: "attractor {} of each cell, by falling share until families are joined",
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
-#: Units of the variables whose names hold one of these words, the first that does; all others are numbers.
+#: Unit of a variable, by a word in its name. The first word that the name contains counts; without one it has no unit.
 UNITS = {
     "entropy": "nats",
     "level": "dB",
@@ -84,9 +87,9 @@ UNITS = {
     "distance": "impact speed, per forcing period",
     "periods": "forcing periods",
 }
-FARTHEST_DRAWN = 1e300  # matplotlib adds margins and lengths of ticks, which must not overflow
-CAPTION = 110  # the most characters in a line of the caption
-ROOM = (512, 512)  # the most cells of a drawn map, fewer than its pixels
+FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
+CAPTION = 110  # at most this many characters in a line of the caption
+ROOM = (512, 512)  # the most cells of a drawn map; a map has more pixels than that
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
@@ -100,7 +103,7 @@ def map_picture(
     form: Form = "png",
     over: Over = NOTHING_OVER,
 ) -> bytes:
-    """Return the picture of `map_figure`, with the same arguments, as bytes of a file.
+    """Return the picture that `map_figure` draws, with the same arguments, as the content of a file.
 
     Parameters
     ----------
@@ -115,7 +118,7 @@ def map_picture(
     Raises
     ------
     SurveyError
-        As `map_figure`.
+        See `map_figure`.
     """
     figure = map_figure(dataset, variable, index, opened, look, over)
     with BytesIO() as file:
@@ -133,21 +136,21 @@ def map_figure(
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
 
-    If there are more cells than pixels, cells are merged, and the rare value among them is shown.
+    If there are more cells than pixels, several cells become one, which shows the rarest of their values.
 
     Parameters
     ----------
     variable : str
         Any variable over (epsilon, delta).
     index : int
-        Number of the orbit or slot, if the variable has several; of pairs the first is shown.
+        Number of the orbit or slot, if the variable has several. Of two exponents or multipliers the first is shown.
     opened : OpenGroup | None
         Opens a level of the survey, which is faster than reading all cells.
     look : Look
-        Part of the plane, colours and lines; by default the usual ones. With a family the survey must have its families
-        as maps.
+        Window, colours and lines; by default the usual ones. If it names a family, the dataset must have the maps of
+        families (`with_families`).
     over : Over
-        Overlays computed beforehand.
+        Overlays that were computed beforehand.
 
     Returns
     -------
@@ -202,20 +205,20 @@ def title_of(plane: xr.DataArray) -> str:
 
 
 def _chosen(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Return the description of one map among several; an attractor is identified by its slot."""
+    """Return the description of one map among several of a variable: its orbit, or the slot of its attractors."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
 
 
 def without_value(plane: xr.DataArray) -> str:
-    """Return the words for a computed cell of a map that has no value."""
+    """Return the words in the legend for computed cells of a map that have no value."""
     words = (words for dim, words in WITHOUT_VALUE_OF.items() if dim in plane.coords)
     return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
 
 
 def meanings_of(plane: xr.DataArray) -> list[str]:
-    """Return the meanings of the codes of a map, in words."""
+    """Return the meaning of each code of a map in words."""
     meanings = [each.replace("_", " ") for each in plane.attrs["flag_meanings"].split()]
     if plane.name == LARGEST:
         meanings[0] = ONLY_QUIET if plane.coords[AMONG] == WHICH[1] else "undecided"
@@ -232,25 +235,27 @@ def draw_map(
     look: Look = USUAL,
     finer: Finer | None = None,
 ) -> None:
-    """Draw a map with its colour bar; cells without a value have a colour for each reason: not computed, failed, none.
+    """Draw a map with its colour bar. The colour of a cell without a value says why: not computed, failed, or none.
 
     Parameters
     ----------
     nothing : str
-        Words for computed cells without a value; by default those of `without_value`.
+        Words in the legend for computed cells without a value; by default `without_value(plane)`.
     look : Look
         Window, and range of the colours.
     finer : Finer | None
-        Cells that are drawn over those of the survey.
+        Cells of finer resolution to draw over the survey's cells.
 
     Raises
     ------
     SurveyError
-        Its axes reach too far to be drawn.
+        The axes reach too far to be drawn.
     """
     reach = max(float(np.abs(dataset[axis].values).max()) for axis in ("delta", "epsilon"))
     if reach > FARTHEST_DRAWN:
-        raise SurveyError(f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers")
+        raise SurveyError(
+            f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers with open_survey"
+        )
     values = drawn_numbers(plane)
     layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing or without_value(plane))
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
@@ -271,7 +276,7 @@ def draw_map(
     if finer is not None:
         shown = finer.values if not isinstance(norm, LogNorm) else np.where(finer.values > 0, finer.values, np.nan)
         _cells(axes, finer, shown, cmap, norm)
-    # drawn axes always have a figure, although their type allows None
+    # These axes have a figure, although the type of `get_figure` allows None.
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
     bar.set_label(bar_label(plane))
     if labels:
@@ -292,7 +297,7 @@ def draw_map(
 def valueless_layers(
     variable: str, values: np.ndarray, status: np.ndarray, nothing: str
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """Return the cells without a value, with a colour for each reason: not computed, failed, none, infinite."""
+    """Return the layers of cells without a value: by reason, in words, flags of the cells and their colour."""
     layers = {
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
@@ -305,7 +310,7 @@ def valueless_layers(
 
 
 def draw_legend(axes: Axes) -> None:
-    """Draw a legend below the map for what the colour bar does not explain, if there is anything."""
+    """Draw a legend below the map with the colours that the colour bar does not explain, if there are any."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, columnspacing=1.2, fontsize=8, frameon=False
@@ -313,7 +318,7 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Dim the cells without a family; a merged cell stays bright if the family is in any of its cells."""
+    """Dim the cells without a family. A cell of a reduced map stays bright if any of its cells has the family."""
     share = plane_of(dataset, SHARE, family)
     with reading(f"the map of {SHARE}"):
         values = drawn_numbers(share)
@@ -331,20 +336,20 @@ def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
 
 def _cells(axes: Axes, at: xr.Dataset | Finer, values: np.ndarray, cmap: Colormap, norm: Normalize) -> QuadMesh:
     delta, epsilon = (at.delta, at.epsilon) if isinstance(at, Finer) else (at["delta"].values, at["epsilon"].values)
-    # rasterised: a vector file of a fine survey would have a path for each cell.
+    # The map is rasterised, because a vector file would have a path for each cell.
     return axes.pcolormesh(
         delta, epsilon, np.ma.masked_invalid(values), cmap=cmap, norm=norm, shading="nearest", rasterized=True
     )
 
 
 def _extend(norm: Normalize, values: np.ndarray) -> str:
-    """Return the ends of the colour bar that some values exceed."""
+    """Return the ends of the colour bar that some values exceed, in matplotlib's words."""
     low, high = bool(np.any(values < norm.vmin)), bool(np.any(values > norm.vmax))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Return whether a legend lists a code: families, and regions outside the paper's plane, only if they occur."""
+    """Return whether the colour bar lists a code. Families, and regions not in the paper, are listed if they occur."""
     always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
     return always or bool((values == code).any())
 
@@ -379,10 +384,10 @@ def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normali
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if np.issubdtype(plane.dtype, np.integer) and values.size:
-        # Long periods are rare, and would wash out all others.
+        # The largest 2 % share a colour: long periods are rare, and would make all other colours alike.
         high = max(float(np.quantile(values, 0.98)), low + 1)
     if "lyapunov" in str(plane.name) or plane.attrs.get(SYMMETRIC):
-        # The few largest exponents, close to the quiet limit, would wash out all others.
+        # The largest 2 % share a colour: exponents near the quiet limit would make all other colours alike.
         reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0
         reach = reach or float(np.abs(values).max(initial=0.0)) or 1.0
         return colormaps["RdBu_r"], Normalize(-reach, reach), None, []

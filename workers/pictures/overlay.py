@@ -1,4 +1,4 @@
-"""The bifurcation curves and codimension-two points over a map of a survey."""
+"""Draw bifurcation curves and codimension-two points over a map of a survey."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES
 
-#: The curves that explain each map.
+#: By variable: the curves that explain its map.
 CURVES_ON: dict[str, tuple[str, ...]] = {
     "region": NAMES,
     "quiet_fraction": ("SN1", "quiet_limit"),
@@ -25,7 +25,7 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 
 
 def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Over = NOTHING_OVER) -> list[np.ndarray]:
-    """Draw the lines that cross the map, and return the points (k, 2) of each, NaN between pieces."""
+    """Draw lines over a map, and return the points (k, 2) of each line in the window, with NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
     if LIMIT in names and over.band is not None:

@@ -1,4 +1,4 @@
-"""One variable of a survey over the (δ, ε) plane."""
+"""Select one variable of a survey as a map over the (δ, ε) plane."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from gear_rattle.workers.survey.slices import require_slice, third_of
 from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 from rattle.attractors import PERIODIC
 
-if TYPE_CHECKING:  # takes half a second to import, which the start of a service does not need
+if TYPE_CHECKING:  # not imported at run time: it takes half a second, and the start of a service does not need it
     import xarray as xr
 
-#: Attribute of a map of a slot: the rule that puts attractors into slots. UNJOINED: by family, once these are joined.
+#: Attribute of a slot's map: the rule that puts attractors into slots, BY_FRACTION, BY_FAMILY or UNJOINED. UNJOINED
+#: means by fraction now, and by family once the families are joined.
 SLOT_ORDER, UNJOINED = "slot_order", "unjoined"
 
 
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
-    """Return a variable on (epsilon, delta). Raises SurveyError if there is no such map or if there is a third axis."""
+    """Return a variable over (epsilon, delta). Raises SurveyError if there is no such map, or a third axis."""
     require_slice(third_of(dataset), None)
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
@@ -40,14 +41,22 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
 
 
 def _order_of_slots(dataset: xr.Dataset) -> str:
-    """Return the rule by which the attractors of a survey are in their slots at present."""
+    """Return the rule that orders the slots of a survey at present."""
     if "family" not in dataset[SLOT].attrs.get("long_name", ""):
         return BY_FRACTION
     return BY_FAMILY if FAMILY in dataset else UNJOINED
 
 
 def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
-    """Return a map, or a part of it, without the cells whose attractor is not periodic, if it is for periodic ones."""
+    """Remove cells whose attractor is not periodic from the map of a variable that means something for periodic ones.
+
+    Other maps are returned unchanged. index: the slot of the map. plane: the map, or a part of it.
+
+    Returns
+    -------
+    xr.DataArray
+        The map; NaN in removed cells.
+    """
     if plane.name not in OF_PERIODIC:
         return plane
     kind = dataset["attractor_kind"][index].sel(delta=plane["delta"], epsilon=plane["epsilon"])
@@ -55,5 +64,5 @@ def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.Da
 
 
 def drawn_numbers(plane: xr.DataArray | np.ndarray) -> np.ndarray:
-    """Return the drawn numbers of a map, float64 (epsilon, delta): the modulus of complex values."""
+    """Return the values of a map as float64; the moduli of complex values."""
     return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)

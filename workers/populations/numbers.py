@@ -1,4 +1,4 @@
-"""Numbers of a gear in a request: each is one number or a distribution."""
+"""The numbers of a gear in a request for a population: each is a number or a distribution."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.axes import Real, Strict, words_of
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
-MOST_MEASURED = 10_000
+MOST_MEASURED = 10_000  # at most this many measured values
 
 
 class NormalNumber(Strict):
@@ -24,7 +24,7 @@ class NormalNumber(Strict):
 
     @property
     def meant(self) -> Distribution:
-        """The distribution in the library's form. Raises ParameterError, as those of the other classes do."""
+        """The distribution as an object of the library. Raises ParameterError."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
 
@@ -57,7 +57,7 @@ class TriangularNumber(Strict):
 
 
 class LogNormalNumber(Strict):
-    """A log-normal distribution: `deviation` is that of the natural logarithm."""
+    """A log-normal distribution. deviation: standard deviation of the natural logarithm."""
 
     distribution: Literal["lognormal"]
     median: Real
@@ -70,7 +70,7 @@ class LogNormalNumber(Strict):
 
 
 class MeasuredNumber(Strict):
-    """Measured values of some gears."""
+    """The distribution of measured values of some gears."""
 
     distribution: Literal["measured"]
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
@@ -93,12 +93,12 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
     except ValidationError as error:
         of_number, *of_distribution = error.errors()
         meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
-        where = ".".join(str(part) for part in meant["loc"][2:])  # without the union and its tag
+        where = ".".join(str(part) for part in meant["loc"][2:])  # `loc` begins with the union and its tag
         said = f"{where}: {words_of(meant)}" if where else words_of(meant)
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
-#: A message about a wrong value describes the intended form only, a number or a distribution.
+#: A wrong value is reported once: as a wrong distribution if it looks like one, else as a wrong number.
 Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 
@@ -109,27 +109,27 @@ else:
 
 
 class GearNumbers(_Numbers):
-    """Numbers of a gear: delta, epsilon, beta and the parameters that its model adds.
+    """The numbers of a gear: delta, epsilon, beta, and parameters that a model adds.
 
-    They may also be those of a machine in SI units as `rattle.Machine` takes them, with rpm.
+    Instead of these, the numbers may be those of a machine in SI units, as `rattle.Machine` takes them, with rpm.
     """
 
     drive: Literal["torque", "speed"] | None = None
 
     @property
     def meant(self) -> dict[str, Any]:
-        """The given numbers in the library's form. Raises ParameterError."""
+        """The given numbers by name; distributions are objects of the library. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: meant(value) for name, value in given.items() if value is not None}
 
 
 def meant(value: Any) -> Any:
-    """Return a number, or a distribution in the library's form. Raises ParameterError."""
+    """Return a number unchanged, or a distribution as an object of the library. Raises ParameterError."""
     return getattr(value, "meant", value)
 
 
 def as_requested(value: Any) -> Any:
-    """Return a number unchanged, or a distribution in the form of a request."""
+    """Return a number unchanged, or a distribution as a document of a request."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

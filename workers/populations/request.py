@@ -1,4 +1,4 @@
-"""Request for a population, validated before anything is computed or stored."""
+"""The request for a population, validated before anything is computed or stored."""
 
 import json
 from functools import cached_property
@@ -19,24 +19,28 @@ from rattle.models import ADDED, MODELS
 from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
 
 MAX_TILE_GEARS = 65_536
-FEWEST = 64  # least gears of a default tile, where each takes little time
-LOOKED_AT = 64  # first gears, whose least damping sets the size of tiles
+FEWEST = 64  # a default tile has at least this many gears, unless each takes long
+LOOKED_AT = 64  # the least damping of this many gears determines the default tile
 
 
 class ShockGiven(Strict):
-    """A knock that parts resting teeth: its speed, in m/s for a machine, and its phase, by default a random one."""
+    """A knock that parts teeth in contact.
+
+    speed: in m/s for a machine, else in the model's unit. phase: in forcing periods, by default random.
+    """
 
     speed: Real | AnyDistribution
     phase: Real | AnyDistribution | None = None
 
 
 class PopulationRequest(Strict):
-    """A population of gears: the body of `POST /v1/populations`; every field but the gear has a default.
+    """The request for a population of gears: the body of `POST /v1/populations`; only `gear` has no default.
 
-    gear: its numbers, at least one of them a distribution. correlation: correlation matrix of the varying numbers, in
-    the order of the fields of `gear`. gears: their number; count: initial states of each; share, or margin: a gear
-    passes if its share of quiet runs, or its boundary distance, is at least that; `judged` gears are tested for it.
-    pairs: gears with partners that share numbers, for Sobol indices. tile: gears of a task and a chunk.
+    gear: the numbers of a gear, at least one of them a distribution. correlation: correlation matrix of the varying
+    numbers, in the order of the fields of `gear`. gears: the number of gears. count: initial conditions of each gear.
+    share: a gear passes if at least this share of its runs ends quiet. margin: a gear passes if its boundary distance
+    is at least this; give share or margin. judged: how many gears are tested for passing. pairs: how many gears get
+    partners that share some of their numbers, for Sobol indices. tile: gears in a task and in a chunk.
     """
 
     name: Name = ""
@@ -55,8 +59,8 @@ class PopulationRequest(Strict):
 
     @model_validator(mode="after")
     def _meant(self) -> Self:
-        """Refuse the values that the library refuses: ParameterError is a ValueError."""
-        # The library refuses a restitution above 1 only when it is drawn, which may be in the last tile.
+        """Refuse values that the library refuses; its ParameterError is a ValueError."""
+        # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
             if isinstance(value, Distribution) and value.range[1] > each.greatest:
@@ -64,17 +68,19 @@ class PopulationRequest(Strict):
                     f"{name} must be at most {each.greatest:g}, and its distribution goes up to {value.range[1]:.3g}: "
                     f"cut it off (high={each.greatest:g})"
                 )
-        with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
+        with np.errstate(all="ignore"):  # extreme but allowed numbers overflow in between
             size = self.tile_shape[0]
         if size * self.count > MAX_TILE_SAMPLES:
-            raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
+            raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
-            raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or fewer gears")
+            raise ValueError(
+                f"{self.n_tiles:,} tiles exceed the limit of {MAX_TILES:,}: use a larger tile or fewer gears"
+            )
         return self
 
     @cached_property
     def plan(self) -> Plan:
-        """The plan of the population in the library's form. Raises ParameterError."""
+        """The plan of the population, as an object of the library. Raises ParameterError."""
         shock = None
         if self.shock is not None:
             phase = {} if self.shock.phase is None else {"phase": meant(self.shock.phase)}
@@ -85,29 +91,29 @@ class PopulationRequest(Strict):
 
     @property
     def quantities(self) -> tuple[Group, ...]:
-        """Groups of variables of a survey: a population has none."""
+        """The groups of variables of a survey; a population has none."""
         return ()
 
     @property
     def model(self) -> str:
-        """Model of its gears."""
+        """The name of the gears' model."""
         return self.plan.tolerances.model.name
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters of one of its gears beside δ, ε and β, by name."""
+        """Parameters that the model adds to δ, ε and β, by name, for one of the gears."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
     @cached_property
     def least_damping(self) -> float:
-        """The least damping among the first gears."""
+        """The least damping among the first LOOKED_AT gears."""
         few = self.plan.values(np.arange(min(LOOKED_AT, self.gears)))
         return float(self.plan.tolerances.points(few).parameters.delta.min())
 
     @property
     def shape(self) -> tuple[int]:
-        """Number of rows: the gears of all parts."""
+        """Number of rows, which are the gears of all parts of the plan."""
         return (self.plan.rows,)
 
     @cached_property
@@ -123,7 +129,7 @@ class PopulationRequest(Strict):
 
     @property
     def n_cells(self) -> int:
-        """Number of rows."""
+        """Number of rows, as a survey has a number of cells."""
         return self.plan.rows
 
     @property
@@ -133,17 +139,17 @@ class PopulationRequest(Strict):
 
     @property
     def n_slices(self) -> int:
-        """Number of slices, 1 as in a survey without a third axis."""
+        """Number of slices: 1, like a survey without a third axis."""
         return 1
 
     @property
     def tile_grid(self) -> tuple[int, int]:
-        """Rows and columns of tiles: a single row."""
+        """Numbers of rows and columns of tiles; there is one row."""
         return 1, self.n_tiles
 
     @property
     def samples(self) -> int:
-        """The least number of states to follow, with those for judged gears."""
+        """The least number of states to follow, including the additional ones for judged gears."""
         judging = self.plan.looks[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.judging * judging
 

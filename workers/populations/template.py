@@ -28,7 +28,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
 
 
 def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return empty arrays of a tile in memory, as `gear_rattle.workers.survey.template.blank` does."""
+    """Create empty arrays in memory, as `gear_rattle.workers.survey.template.blank` does for a survey."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of(request)

@@ -23,7 +23,7 @@ from rattle.populations import Gears, computed
 
 @dataclass(frozen=True)
 class GearTile:
-    """Rows of a tile, which are one chunk of every variable."""
+    """Some rows of a population, which are a chunk of every variable."""
 
     index: int
     gear: slice
@@ -35,7 +35,7 @@ class GearTile:
 
     @property
     def spans(self) -> tuple[slice]:
-        """Slices of the tile, one for each axis."""
+        """The rows of the tile, in a tuple with one entry for each axis."""
         return (self.gear,)
 
     @property
@@ -62,7 +62,7 @@ def compute_tile(
             arrays, failed = _evaluate(request, tile.gear), list[FailedCell]()
         except MACHINE_FAILURES:
             raise
-        except Exception:  # an error of the model is the result of that gear
+        except Exception:  # the model failed for some gear: compute the gears one by one to find out which
             arrays, failed = _gather(request, tile, cell_outcomes(request, tile))
     undecided = int(np.sum(arrays["status"] == SOME_UNDECIDED))
     record = TileRecord(tile.index, tile.n_cells, tuple(failed), undecided, time.perf_counter() - began)
@@ -83,7 +83,7 @@ def cell_outcomes(
 
 
 def described(request: PopulationRequest, tile: GearTile) -> str:
-    """Return the name of a tile in messages."""
+    """Return the name of a tile for messages: its number, and its gears."""
     numbers = ", ".join(request.plan.tolerances.names)
     return f"tile {tile.index} (gears {tile.gear.start} to {tile.gear.stop - 1} of a population that varies {numbers})"
 

@@ -1,4 +1,4 @@
-"""Variables of each gear in the store of a population."""
+"""The variables that the store of a population has for each gear."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Evaluate = Callable[[PopulationRequest, Gears], Any]
 
 @dataclass(frozen=True)
 class PopulationVariable:
-    """A stored variable: its schema, and the function that computes its rows."""
+    """A stored variable. evaluate: the function that computes its values from the attractors of some gears."""
 
     name: str
     dims: tuple[str, ...]
@@ -38,7 +38,7 @@ class PopulationVariable:
 
     @property
     def fill(self) -> float | int:
-        """Value of an entry before it is computed."""
+        """Value of an entry that is not computed."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
     @property
@@ -50,12 +50,12 @@ class PopulationVariable:
         return found
 
     def shape(self, request: PopulationRequest, rows: int) -> tuple[int, ...]:
-        """Return its shape for so many rows."""
+        """Return the shape of the variable for a number of rows."""
         return (rows, request.count) if SAMPLE in self.dims else (rows,)
 
 
 def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
-    """Return the variables of a population; `status` is last because a tile is done when its status says so."""
+    """Return the variables of a population. `status` is last: a tile whose status is written is complete."""
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)
@@ -83,7 +83,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
             "energy",
             (GEAR, SAMPLE),
             "float64",
-            "sum of v²/2 over the impacts per revolution of what each sample comes to, rising; 0: quiet",
+            "sum of v²/2 over the impacts per revolution on each sample's attractor, in rising order; 0: quiet",
             lambda _, x: x.energy,
         ),
         PopulationVariable(
@@ -107,7 +107,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
 
 
 def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> Gears:
-    """Return the rows of a population from its stored variables, which `read` returns by name."""
+    """Return the gears of a population from its store. read: function that returns a stored variable by name."""
     names = request.plan.tolerances.names
     values = np.stack([read(name) for name in names], axis=1)
     delta, epsilon, beta = (read(name) for name in ("delta", "epsilon", "beta"))

@@ -1,14 +1,14 @@
-"""Run tasks, each for a part of a survey, which may run anywhere: the interface of what follows after all tiles."""
+"""The interface of tasks that complete a survey: a task handles one item, in this process or on a cluster."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from gear_rattle.workers.survey.request import SurveyRequest
 
-#: Runs a task, a function of a request, a path and one item, for each item; results are in their order.
+#: A function that runs `task(request, path, *item)` for each item, and returns the results in the order of the items.
 Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
 
 
 def here(task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """Run a task in this process, for one item after the other."""
+    """Run a task in this process for each item, one after the other."""
     return [task(request, path, *item) for item in items]

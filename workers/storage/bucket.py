@@ -1,8 +1,9 @@
 """A store on S3-compatible object storage, reached through obstore.
 
-A bucket has neither rename nor locks. A store is whole once its root `zarr.json` is there, which is written last, and
-only if no other process has written one; deletion is in the opposite order. Settings are those of obstore: the
-variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, and AWS_ALLOW_HTTP for tests.
+A bucket has neither rename nor locks. Creation writes the root `zarr.json` last, and only if no other process has
+written it; so a store with a root is whole. Deletion removes the root first. obstore reads its settings from the
+environment variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, and AWS_ALLOW_HTTP (for
+tests).
 """
 
 import json
@@ -23,11 +24,11 @@ if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-#: Markers of a prefix that is not only a store: its creation or deletion has begun, or a run has locked it.
+#: Objects beside the files of a store. They mean: creation has begun, deletion has begun, a run has locked the store.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
-#: A failed request is repeated for so many seconds before the survey has to wait. The number of retries is never
-#: reached in that time, even when a restarting server refuses connections at once.
+#: A failed request is repeated for RETRY_SECONDS; after that the survey has to wait. RETRIES is so large that the time
+#: is the limit, even when a restarting server refuses connections at once.
 RETRIES, RETRY_SECONDS = 1000, 60
 
 
@@ -39,19 +40,19 @@ class Bucket:
     url
         `s3://BUCKET/PREFIX`.
     owned
-        True if the caller is known to be the only writer, as a service with a locked job database is; no lock is taken
-        then.
+        True if the caller is the only writer, such as a service that has locked its job database. Then the store is not
+        locked.
 
     Raises
     ------
     SurveyError
-        The URL names no prefix of a bucket, or obstore is not installed.
+        The URL has no bucket or no prefix, or obstore is not installed.
     """
 
     def __init__(self, url: str, owned: bool = False) -> None:
         parts = urlsplit(url)
         if not parts.netloc or not parts.path.strip("/") or parts.query or parts.fragment or parts.username:
-            raise SurveyError(f"{url}: write {SCHEME}BUCKET/PREFIX, without more")
+            raise SurveyError(f"{url} is not the URL of a store: write {SCHEME}BUCKET/PREFIX, without query or user")
         self.url = f"{SCHEME}{parts.netloc}/{parts.path.strip('/')}"
         self._owned = owned
         self.objects = _connect(self.url)
@@ -65,19 +66,19 @@ class Bucket:
         return ObjectStore(self.objects)
 
     def occupied(self) -> bool:
-        """Return whether anything is here except the remains of a killed creation."""
+        """Return whether the prefix has any object, other than the remains of a killed creation."""
         with self.reaching():
             if self.has(ROOT) or self.has(DELETING):
                 return True
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
-        """Return whether a whole store is here."""
+        """Return whether the prefix has a whole store."""
         with self.reaching():
             return self.has(ROOT)
 
     def has(self, key: str) -> bool:
-        """Return whether a key is here."""
+        """Return whether the prefix has an object with this key."""
         import obstore
 
         try:
@@ -87,11 +88,11 @@ class Bucket:
         return True
 
     def read(self, key: str) -> bytes:
-        """Return an object. Raises FileNotFoundError, or what `reaching` does."""
+        """Return the content of an object. Raises FileNotFoundError, and the errors of `reaching`."""
         return self.read_tagged(key)[0]
 
     def read_tagged(self, key: str) -> tuple[bytes, str]:
-        """Return an object and its ETag. Raises as `read` does."""
+        """Return the content of an object and its ETag. Raises FileNotFoundError, and the errors of `reaching`."""
         import obstore
 
         with self.reaching():
@@ -99,7 +100,7 @@ class Bucket:
             return bytes(found.bytes()), found.meta["e_tag"] or '""'
 
     def keys(self, prefix: str = "") -> Iterator[str]:
-        """Yield every key below a prefix."""
+        """Yield every key that begins with a prefix."""
         import obstore
 
         for batch in obstore.list(self.objects, prefix or None):
@@ -134,7 +135,7 @@ class Bucket:
         try:
             yield
         except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError) as error:
-            raise SurveyError(f"{self} may not be used ({_first_line(error)}): check the credentials") from error
+            raise SurveyError(f"access to {self} is denied ({_first_line(error)}): check the credentials") from error
         except exceptions.BaseError as error:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
@@ -143,7 +144,7 @@ class Bucket:
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:
-        """Create the store; its root is written last, unless another run has written one meanwhile."""
+        """Create the store. The root is written last, unless another run has written it in the meantime."""
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
@@ -156,28 +157,28 @@ class Bucket:
             obstore.delete(self.objects, CREATING)
 
     def put(self, key: str, content: bytes) -> None:
-        """Write or replace an object in one step. Raises what `reaching` does."""
+        """Write or replace an object in one step. Raises the errors of `reaching`."""
         import obstore
 
         with self.reaching():
             obstore.put(self.objects, key, content)
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove objects; missing ones are ignored. Raises what `reaching` does."""
+        """Remove objects; missing ones are ignored. Raises the errors of `reaching`."""
         import obstore
 
         with self.reaching():
             obstore.delete(self.objects, list(keys))
 
     def sweep(self) -> None:
-        """Remove the marker of a killed creation."""
+        """Remove the marker that a killed creation has left."""
         import obstore
 
         with self.reaching():
             obstore.delete(self.objects, CREATING)
 
     def delete(self) -> None:
-        """Delete the store. Its root is removed first, so that a half-deleted store is never taken for a store."""
+        """Delete the store. The root is removed first, so that a half-deleted store does not look like a store."""
         import obstore
 
         with self.reaching():
@@ -231,7 +232,7 @@ class Bucket:
                 obstore.put(self.objects, LOCK, mine, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
-            holder = {}  # the lock was released or taken over at this moment
+            holder = {}  # the lock was released or taken over at this very moment
         except (ValueError, TypeError, KeyError):
             holder = {"process": "unknown"}
         who = (
@@ -252,7 +253,7 @@ def _connect(url: str) -> "S3Store":
     try:
         return S3Store.from_url(
             url,
-            # given options hide this variable from obstore
+            # If client options are given, obstore does not read AWS_ALLOW_HTTP itself.
             client_options={
                 "timeout": timedelta(seconds=RETRY_SECONDS),
                 "allow_http": os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("true", "1"),
@@ -260,7 +261,9 @@ def _connect(url: str) -> "S3Store":
             retry_config={"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)},
         )
     except (BaseError, ValueError) as error:
-        raise SurveyError(f"{url} cannot be used ({_first_line(error)}): check the variables AWS_…") from error
+        raise SurveyError(
+            f"{url} cannot be used ({_first_line(error)}): check the environment variables that begin with AWS_"
+        ) from error
 
 
 def _first_line(error: BaseException) -> str:

@@ -9,7 +9,8 @@ from xarray.core import indexing
 
 CONVENTIONS, CF = "Conventions", "CF-1.11"
 REAL, IMAGINARY = "_real", "_imag"
-PARTS_ONLY = ("dtype", "fill_value")  # encodings of a part: a whole written with them would lose its imaginary part
+#: Encodings of a part that the complex variable must not inherit: written so, it would lose its imaginary part.
+PARTS_ONLY = ("dtype", "fill_value")
 
 
 class Both(BackendArray):
@@ -20,18 +21,21 @@ class Both(BackendArray):
         self.shape, self.dtype = real.shape, np.dtype(np.complex128)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        """Return the indexed part."""
+        """Return the indexed values."""
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:
         real = np.asarray(self.real[key])
         values = np.empty(real.shape, self.dtype)
-        values.real, values.imag = real, np.asarray(self.imaginary[key])  # a sum would make NaN of infinities
+        values.real, values.imag = (
+            real,
+            np.asarray(self.imaginary[key]),
+        )  # real + 1j * imaginary would turn inf into NaN
         return values
 
 
 def join_complex(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the dataset with complex variables in place of their parts; no values are read."""
+    """Replace the real and imaginary parts in a dataset by complex variables, without reading values."""
     found: dict[str, Any] = {}
     for name, values in dataset.variables.items():
         stem = str(name).removesuffix(REAL)
@@ -48,12 +52,12 @@ def join_complex(dataset: xr.Dataset) -> xr.Dataset:
     order = [str(name).removesuffix(REAL) for name in dataset.data_vars]
     bare = dataset.drop_vars([stem + part for stem in found for part in (REAL, IMAGINARY)])
     whole = bare.assign(found)
-    whole.attrs.pop(CONVENTIONS, None)  # CF has no complex numbers, so a file with these cannot claim it
+    whole.attrs.pop(CONVENTIONS, None)  # CF has no complex numbers, so this dataset does not follow CF any more
     return whole[[name for name in order if name in whole]]
 
 
 def split_complex(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with each complex variable split into two real ones, `…_real` and `…_imag`, as stores have them.
+    """Split each complex variable of a dataset into two real variables, `…_real` and `…_imag`, as in a store.
 
     Files for other programs need this, because the CF conventions have no complex numbers.
 
@@ -65,7 +69,7 @@ def split_complex(dataset: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        The same numbers; `to_netcdf` writes them to a file that keeps the CF conventions.
+        The same numbers. `to_netcdf` writes them to a file that follows the CF conventions.
 
     Examples
     --------

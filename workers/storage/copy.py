@@ -1,4 +1,4 @@
-"""Copy a store elsewhere: each file is compared with its digest at the source and at the target."""
+"""Copy a store, comparing each file with its digest both at the source and at the target."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 
 ZIP = ".zip"
 READERS = 8  # files read at a time, because a bucket answers slowly
-BATCH = 256  # the most files in memory
+BATCH = 256  # at most this many files are in memory at a time
 
 
 class Copied(NamedTuple):
-    """Result of a copy: the number of files, their bytes, and the number of files that were there already."""
+    """Result of a copy. files: number of files. size: their bytes. kept: how many files the target already had."""
 
     files: int
     size: int
@@ -33,11 +33,11 @@ class Files(Protocol):
     """A collection of files by key, to copy from."""
 
     def read(self, key: str) -> bytes:
-        """Return a file. Raises OSError."""
+        """Return the content of a file. Raises OSError."""
 
 
 class ZipStore:
-    """A store in a zip file, as zarr reads it: members are not compressed, because chunks are."""
+    """A store in a zip file, in the form that zarr reads. Members are not compressed, because chunks already are."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -51,7 +51,7 @@ class ZipStore:
         return str(self.path)
 
     def read(self, key: str) -> bytes:
-        """Return a member. Raises OSError."""
+        """Return the content of a member. Raises FileNotFoundError."""
         try:
             return self._file.read(key)
         except (KeyError, BadZipFile) as error:
@@ -63,17 +63,17 @@ def copy_store(
 ) -> Copied:
     """Copy a survey, finished or not, to a directory, a bucket or a zip file.
 
-    The same call continues an interrupted copy: whole files that are there are kept. The copy is a store once its root
-    is written, which comes last; a zip file appears at the end.
+    The same call continues an interrupted copy, and keeps whole files that the target already has. The root is written
+    last; until then the copy is not a store. A zip file appears only when it is complete.
 
     Parameters
     ----------
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        Path, s3:// URL or zip file where nothing is, or an interrupted copy of this store.
+        Path, s3:// URL or zip file. It must not exist, or be an interrupted copy of this store (but no zip file).
     on_file
-        Called with the number of copied files, and of all.
+        Called with the number of copied files and the number of all files.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def copy_store(
     Raises
     ------
     SurveyError
-        The source is not a store, or one of its files is damaged; or something else is at the target.
+        The source is not a store, one of its files is damaged, or the target has other contents.
     StorageError
         The target cannot be written, or does not read back as it was written.
     """
@@ -120,20 +120,20 @@ def _manifest(files: Files) -> tuple[Manifest, bytes]:
     manifest = Manifest.of_bytes(content)
     if manifest is None:
         raise SurveyError(
-            f"{files} holds no survey with a manifest that this version can read: rattle verify says what is wrong"
+            f"{files} holds no survey with a manifest that this version can read: run rattle verify to find the damage"
         )
     return manifest, content
 
 
 def _known(place: Place) -> Manifest | None:
-    """Return the manifest of an earlier copy."""
+    """Return the manifest that an earlier copy has left, or None."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return Manifest.of_bytes(place.read(MANIFEST))
     return None
 
 
 def _keys(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield every file but the manifest, with the digests that it may have; the root is the last."""
+    """Yield the key of every file except the manifest, with the digests that the file may have; the root comes last."""
     for key, known in manifest.files.items():
         yield key, (known,)
     for tile in manifest.tiles:
@@ -150,7 +150,7 @@ def _is_whole(files: Files, key: str, known: Sequence[str]) -> bool:
 
 
 def _read(files: Files, key: str, known: Sequence[str]) -> bytes:
-    """Return a file of the source. Raises SurveyError if it is lost or damaged."""
+    """Return the content of a file of the source. Raises SurveyError if the file is lost or damaged."""
     try:
         content = files.read(key)
     except (FileNotFoundError, NotADirectoryError):
@@ -237,7 +237,7 @@ def _number(manifest: Manifest) -> int:
 
 @contextmanager
 def _replaced(path: Path) -> Iterator[Path]:
-    """Yield a path beside another one, and move the file there when it is complete."""
+    """Yield a temporary path in the same directory; at the end, rename the file there to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:

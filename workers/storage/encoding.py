@@ -9,15 +9,15 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Chunks and codecs are left out: they belong to the store that was read, and would be errors in another file.
+#: Encodings that are kept. Chunks and codecs are not: they belong to the opened store, and would be errors in another.
 KEPT = ("dtype", "fill_value", "preferred_chunks")
-NO_FILL: dict[str, Any] = {"_FillValue": None}  # CF allows no fill value of coordinates; xarray's default is NaN
+NO_FILL: dict[str, Any] = {"_FillValue": None}  # CF forbids a fill value of coordinates, and xarray's default is NaN
 
 
 def prepare_for_writing(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the dataset with encodings and flags that any file can hold and that keep the CF conventions.
+    """Reduce encodings and flags to what any file can hold under the CF conventions.
 
-    `to_netcdf` and `to_zarr` can then write it, or a part of it, in any chunks and in either format of zarr.
+    `to_netcdf` and `to_zarr` can then write the dataset, or a part of it, in any chunks and in either format of zarr.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Write a survey as a file for other programs, a band of rows at a time, which takes little memory."""
+"""Export a survey to a file for other programs, a band of rows at a time, so that it takes little memory."""
 
 import tempfile
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -15,26 +15,26 @@ from gear_rattle.workers.survey.slices import slices_of, third_of
 from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
-ROWS = 32  # rows of a band, if the store does not say how many its chunks have
-CELLS = 16_384  # the most cells that are text at the same time
+ROWS = 32  # rows of a band, if the dataset does not say how many rows the store's chunks have
+CELLS = 16_384  # at most this many cells are converted to text at a time
 
 
-#: The dimension whose entries have rows of their own, and the variable that says whether an entry exists.
+#: By form of a table: the dimension whose entries get rows of their own, and the variable that says whether they exist.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
 def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
-    """Write an open survey, as it is stored, as NetCDF 4 that keeps the CF conventions, with groups by their paths.
+    """Write an open survey to a NetCDF 4 file under the CF conventions. groups: further datasets, by path of a group.
 
     Returns
     -------
     IO[bytes]
-        The file, open at its beginning. It has no name any more, so it vanishes when it is closed.
+        The file, open at its beginning. It has no name on disk any more, so it vanishes when it is closed.
     """
     rows = _rows(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
-        # all variables at once: opening the file again for each took most of the time of a small survey
+        # All variables are written at once: opening the file for each took most of the time of a small survey.
         whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}))
         whole.attrs = {name: value for name, value in whole.attrs.items() if value is not None}
         _append(whole, path, "w", rows)
@@ -49,20 +49,20 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.ndim and values.dtype.kind in "biuf":  # HDF5 has no checksums of texts
             encoding[name]["fletcher32"] = True
-        if values.dims[-2:] == CELL:  # or HDF5 would compress chunks that several bands share repeatedly
+        if values.dims[-2:] == CELL:  # chunks as high as a band: HDF5 would compress a higher one again for each band
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
     written = dataset.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
-    written.compute(scheduler="synchronous")  # one band after the other, in this process, never on a cluster
+    written.compute(scheduler="synchronous")  # writes one band after the other in this process, never on a cluster
 
 
 def _rows(dataset: xr.Dataset) -> int:
-    """Return the number of rows of a band: those of a row of tiles."""
+    """Return the number of rows of a band: as many as a tile has."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
 def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
-    """Read these variables, or all, since a file cannot be withdrawn while it is sent. Raises DamageError."""
+    """Read some variables (by default all) before their export is sent, which cannot be undone. Raises DamageError."""
     rows = _rows(dataset)
     for name in dataset.variables if names is None else names:
         for one in slices_of(dataset[[name]]):
@@ -76,7 +76,7 @@ def _read(values: xr.DataArray, rows: int) -> None:
 
 
 def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
-    """Return the variables of a table. Raises SurveyError if the survey has none of this form."""
+    """Return the variables that become columns of a table. Raises SurveyError if the survey has none for this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
     def belongs(dims: tuple[Hashable, ...]) -> bool:
@@ -84,15 +84,18 @@ def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]
 
     names = [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if belongs(values.dims)]
     if not names:
-        raise SurveyError(f"This survey was computed without {form}. The form cells has a row for every cell.")
+        raise SurveyError(
+            f"this survey was computed without {form}: use the form cells, which has a row for every cell"
+        )
     return names
 
 
 def tables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the table of an open survey, as it is stored, in bands.
+    """Yield the table of an open survey in bands.
 
-    δ varies fastest, then ε, then a third axis. In the forms `attractors` and `orbits` each attractor or orbit that
-    exists has a row; a variable with a further dimension, such as the exponent, has a column for each of its values.
+    δ varies fastest, then ε, then a third axis. In the forms `attractors` and `orbits` there is a row for each existing
+    attractor or orbit. A variable with a further dimension, such as the number of an exponent, has a column for each
+    value of that dimension.
 
     Yields
     ------
@@ -123,7 +126,7 @@ def _table(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Return the values along one axis, in every cell of a band: the speeds or eccentricities of a machine's survey."""
+    """Repeat values along δ or ε (speeds or eccentricities of a machine) for every cell of a band."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
@@ -148,7 +151,7 @@ def _tidy(
 
 
 def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[str]:
-    """Yield a table as text of CSV, in pieces of several lines."""
+    """Yield a table as CSV text, several lines at a time."""
     for number, columns in enumerate(tables(dataset, form)):
         if number == 0:
             yield ",".join(columns) + "\r\n"
@@ -158,7 +161,7 @@ def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[st
 
 
 def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[bytes]:
-    """Return a table as a Parquet file, with the attributes of the survey as its metadata.
+    """Write a table to a Parquet file, with the attributes of the survey as its metadata.
 
     Returns
     -------
@@ -189,7 +192,7 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
 
 
 def _texts(column: np.ndarray) -> list[str]:
-    """Return numbers as texts that read back to the same value; an empty text for NaN."""
+    """Convert numbers to text that reads back to the same value; NaN becomes empty text."""
     if column.dtype == bool:
         column = column.astype(np.int8)
     if column.dtype == np.float32:  # `repr` of a double would write 0.1 as 0.10000000149011612

@@ -1,6 +1,6 @@
-"""Check that a store still holds the written bytes: every file in its place and unchanged.
+"""Check that every file of a store is in its place and unchanged.
 
-The manifest has the digest of every file by its key, because a chunk's own checksum does not include its position.
+A digest in the manifest includes the file's key. A chunk's own checksum does not, so it would not show exchanged files.
 """
 
 import warnings
@@ -29,14 +29,14 @@ READERS = 8  # files read at a time, because a bucket answers slowly
 class Integrity:
     """Result of checking every file of a store.
 
-    If there is no manifest that this version can read, the chunks are decoded, each of which ends in a checksum of its
-    own, and `tiles` is 0.
+    A store whose manifest this version cannot read is checked by decoding its chunks, which end in a checksum each;
+    `tiles` is 0 then.
     """
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
-    damaged: dict[int, tuple[str, ...]]  # variables with a lost or damaged chunk, by index of the computed tile
-    template: tuple[str, ...]  # damaged files that tiles do not write to: metadata, coordinates, curves
-    tiles: int
+    damaged: dict[int, tuple[str, ...]]  # by index of a computed tile: variables with a lost or damaged chunk
+    template: tuple[str, ...]  # lost or damaged files that are no tile's: metadata, coordinates, curves
+    tiles: int  # number of tiles of the survey
     files: int  # number of checked files
     version: str  # code version of the store; empty if its root is damaged
     completed: str  # date of completion; empty if it is not complete
@@ -58,14 +58,14 @@ def examine(where: str | Path | Place) -> Integrity:
     Returns
     -------
     Integrity
-        Whole and damaged tiles, damaged other files, and the versions that the root states.
+        Whole and damaged tiles, other damaged files, and the code version.
 
     Raises
     ------
     StorageError
         The object store fails.
     SurveyError
-        There is no survey, or it is too damaged to be identified.
+        There is no store, or it is too damaged to be identified.
     """
     place = place_of(where)
     if not place.occupied():
@@ -90,7 +90,7 @@ def examine(where: str | Path | Place) -> Integrity:
 
 
 def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
-    """Return the number of decoded chunks, and the lost or undecodable files, of a store without a readable manifest.
+    """Decode all chunks of a store without a readable manifest.
 
     Returns
     -------
@@ -136,12 +136,12 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
 def examine_tiles(
     place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None
 ) -> tuple[set[int], dict[int, tuple[str, ...]]]:
-    """Return the tiles that are computed and whole, and the damaged variables of the others.
+    """Check the chunks of all computed tiles.
 
     Parameters
     ----------
     should_stop : Callable[[], bool] | None
-        Called at each tile.
+        Called at each tile; returns whether to stop.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def examine_tiles(
     Raises
     ------
     SurveyError, StorageError
-        As `examine`.
+        See `examine`.
     StoppedError
         `should_stop` returned true.
     """
@@ -181,7 +181,7 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
 
 
 def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
-    """Return the lost or damaged files of a survey except those that tiles write."""
+    """Return the keys of lost or damaged files of a survey, except the chunks of tiles."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
         whole = readers.map(lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)

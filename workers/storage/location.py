@@ -1,7 +1,7 @@
-"""Locate a store: a directory, or a prefix of a bucket.
+"""The location of a store: a directory, or a prefix of a bucket.
 
-All differences between the two are here. Both guarantee that a store appears whole or not at all, that a key is
-replaced in one step or not at all, and that a single run writes to it.
+`Directory` and `Bucket` have the same methods, so other code does not distinguish them. Both guarantee that a store
+appears whole or not at all, that a file is replaced in one step or not at all, and that only one run writes to a store.
 """
 
 import fcntl
@@ -17,7 +17,7 @@ from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.bucket import LOCK, SCHEME, Bucket
 from gear_rattle.workers.survey.manifest import ROOT
 
-CERTIFICATES = ".certificates.zarr"  # the ending of a store of certificates
+CERTIFICATES = ".certificates.zarr"  # the path of a store of certificates ends so
 
 
 class Directory:
@@ -39,11 +39,11 @@ class Directory:
         return self.path
 
     def occupied(self) -> bool:
-        """Return whether anything is here."""
+        """Return whether the path exists and is not an empty directory."""
         return self.path.exists() and not (self.path.is_dir() and next(self.path.iterdir(), None) is None)
 
     def exists(self) -> bool:
-        """Return whether a whole store is here."""
+        """Return whether the path has a whole store."""
         return (self.path / ROOT).exists()
 
     def deletion_begun(self) -> bool:
@@ -51,11 +51,11 @@ class Directory:
         return False
 
     def read(self, key: str) -> bytes:
-        """Return a file. Raises OSError."""
+        """Return the content of a file. Raises OSError."""
         return (self.path / key).read_bytes()
 
     def reaching(self) -> AbstractContextManager[None]:
-        """Return a context that lets errors of the file system, OSError, pass unchanged."""
+        """Return a context that does nothing; that of a bucket translates errors, but OSError needs no translation."""
         return nullcontext()
 
     def build(self, template: Mapping[str, bytes]) -> None:
@@ -70,7 +70,7 @@ class Directory:
             (sibling / LOCK).touch()
             os.rename(sibling, self.path)
         except OSError:
-            if not self.occupied():  # otherwise another run was first, and the caller checks its store
+            if not self.occupied():  # otherwise another run has created a store here, which the caller then checks
                 raise
         finally:
             shutil.rmtree(sibling, ignore_errors=True)
@@ -101,7 +101,7 @@ class Directory:
         StorageError
             The store cannot be written now.
         SurveyError
-            Another run has locked the store, since two would remove each other's files; or there is no store.
+            Another run has locked the store (two runs would remove each other's files), or there is no store.
         """
         try:
             held = (self.path / LOCK).open("ab")
@@ -113,7 +113,7 @@ class Directory:
                 fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise SurveyError(
-                    f"{self} is being computed by another run: wait for it, or choose another path"
+                    f"{self} is being computed by another run: wait until that run ends, or choose another path"
                 ) from None
             except OSError:
                 pass  # the file system has no locks
@@ -129,18 +129,18 @@ Place = Directory | Bucket
 
 
 def place_of(where: str | Path | Place) -> Place:
-    """Return the location that a path or a URL names. Raises SurveyError for a URL other than that of a bucket."""
+    """Return the location for a path or the URL of a bucket. Raises SurveyError for other URLs."""
     if isinstance(where, Directory | Bucket):
         return where
     if "://" not in str(where):
         return Directory(where)
     if not str(where).startswith(SCHEME):
-        raise SurveyError(f"{where}: a store is a path, or {SCHEME}BUCKET/PREFIX")
+        raise SurveyError(f"{where} is no location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
     return _bucket(str(where))
 
 
 def certificates_of(where: str | Path | Place) -> Path:
-    """Return the path of a survey's certificates, beside its store. Raises SurveyError for a bucket."""
+    """Return the path of the store for a survey's certificates, beside the survey. Raises SurveyError for a bucket."""
     place = place_of(where)
     if isinstance(place, Bucket):
         raise SurveyError(

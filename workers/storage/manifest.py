@@ -1,4 +1,4 @@
-"""Read the manifest and the root of a store, and write both from the process that leads a run."""
+"""Read the manifest and the root of a store, and write them. Only the process that leads a run writes them."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
 from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 
-#: The manifest is written when one in so many of its tiles is new: a manifest of many megabytes is written rarely.
+#: The manifest is written when more than 1/SHARE of its tiles are new, so that a large manifest is written rarely.
 SHARE = 200
-KNOWN = 8  # parsed manifests in the cache, since each is needed repeatedly
+KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
 
 def read_file(place: Place, key: str) -> bytes | None:
-    """Return a file; None if it is not there, or the disk cannot read it.
+    """Return the content of a file, or None if there is no such file or the disk has a read error.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def read_file(place: Place, key: str) -> bytes | None:
 
 
 def manifest_of(place: Place) -> Manifest | None:
-    """Return the manifest of a store; None if it is damaged, of another version, or missing."""
+    """Return the manifest of a store, or None if it is missing, damaged or of another version."""
     content = read_file(place, MANIFEST)
     return None if content is None or place.deletion_begun() else _parsed(content)
 
@@ -87,7 +87,7 @@ def known_manifest(place: Place) -> Manifest:
 
 
 def require_there(place: Place) -> None:
-    """Raise StorageError if a store is gone, which is not damage: it may come back."""
+    """Raise StorageError if a store is gone. This is not damage, because the store may come back."""
     if not place.occupied():
         raise StorageError(
             f"{place} is gone: it was moved or deleted. Bring it back, or run the survey again to compute it anew"
@@ -95,7 +95,7 @@ def require_there(place: Place) -> None:
 
 
 def said_by_root(place: Place) -> dict[str, Any]:
-    """Return the attributes in a store's root, damaged or not; empty without a root."""
+    """Return the attributes in a store's root without checking its digest; empty if there is no readable root."""
     try:
         attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
     except (ValueError, AttributeError, RecursionError):
@@ -104,13 +104,13 @@ def said_by_root(place: Place) -> dict[str, Any]:
 
 
 def whole_root(place: Place, manifest: Manifest) -> bytes | None:
-    """Return the metadata of a store's root; None if it is lost or damaged."""
+    """Return the content of a store's root, or None if the root is lost or damaged."""
     content = read_file(place, ROOT)
     return content if content is not None and digest(ROOT, content) in manifest.root else None
 
 
 def attributes_of(place: Place) -> dict[str, Any]:
-    """Return the attributes of a store's undamaged root.
+    """Return the attributes in a store's root after checking its digest.
 
     Returns
     -------
@@ -129,15 +129,15 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 @contextmanager
 def noting(place: Place) -> Iterator[Note]:
-    """Yield a function that records the digests of written tiles, by their index.
+    """Yield a function that records written tiles in the manifest.
 
-    The caller holds the lock of the store, and changes nothing else in its manifest meanwhile. A kill loses the tiles
-    that are not yet in the manifest on disk, at most one in two hundred; they are computed again.
+    The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
+    killed, at most one tile in SHARE is not in the manifest on disk; these tiles are computed again.
 
     Yields
     ------
     Note
-        Takes the digests of chunks by key, by index of the tile.
+        The function; its argument has for each written tile, by index, the digests of its chunks, by key.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def noting(place: Place) -> Iterator[Note]:
     def write() -> None:
         nonlocal waiting
         try:
-            if not place.exists():  # writing would recreate a deleted survey
+            if not place.exists():  # writing would recreate a part of a deleted survey
                 require_there(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
@@ -176,7 +176,7 @@ def noting(place: Place) -> Iterator[Note]:
 
 
 def tell(place: Place, told: Mapping[str, Any]) -> None:
-    """Set attributes of the root; None removes one. The caller holds the lock of the store.
+    """Set attributes of the root; the value None removes an attribute. The caller holds the lock of the store.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def tell(place: Place, told: Mapping[str, Any]) -> None:
 
 
 def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
-    """Return the metadata of a root with these attributes in place of its own."""
+    """Return the content of a root with its attributes replaced."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
     with zarr.config.set(COMPACT):
         zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))
@@ -202,16 +202,16 @@ def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
 
 
 def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
-    """Add files to a store, and remove others from its metadata: they appear and vanish with the root.
+    """Add files to a store's metadata, and remove others from it. All changes become visible with the new root.
 
     Parameters
     ----------
     added : Template
-        The files to write, by their key.
+        Contents of the files to write, by key.
     there : Mapping[str, str]
-        The digests of chunks that are there already.
+        Digests of chunks that tasks have already written, by key.
     is_removed : Callable[[str], bool]
-        Whether a file that the manifest knows is no longer part of the store.
+        Returns whether a file of the manifest, by its key, is removed from the metadata.
 
     Raises
     ------
@@ -238,9 +238,9 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
 
 
 def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
-    """Write a root, and the manifest `after` that belongs to it; `before` belongs to the previous root.
+    """Replace the root. before: the manifest that belongs to the old root. after: the one that belongs to the new root.
 
-    At every instant the manifest knows the digest of the present root. Raises OSError.
+    At every instant the manifest on disk has the digest of the root on disk. Raises OSError.
     """
     new = digest(ROOT, root)
     place.put(MANIFEST, replace(before, root=(*before.root, new)).to_bytes())

@@ -55,27 +55,27 @@ if TYPE_CHECKING:
 
 
 Make = Callable[[AnyRequest, str | None], Template]
-KEPT = COMPLETED, ROUNDS  # attributes that survive when the root is made again: they follow from the tiles
+KEPT = COMPLETED, ROUNDS  # attributes that a repaired root keeps, because the template does not contain them
 _blank = lru_cache(maxsize=16)(blank)
 
 
 def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
-    """Create the empty store of a survey, or accept the one that an earlier run of the same survey left.
+    """Create the empty store of a survey, or accept and repair the store that an earlier run of the same survey left.
 
-    Any other content of the path is left alone. The store appears complete, in one step. If files other than tiles of
-    the survey's own store are damaged, such as its metadata, they are made again; numbers of cells are not touched.
+    The new store appears complete, in one step. In an earlier store, damaged files that are no tile's (for example
+    metadata) are written again; the values of cells are not touched. Any other content of the path is left alone.
 
     Parameters
     ----------
     make : Make | None
-        Computes the template, by default `template_of`; a cluster can do it, because it may take long.
+        Function that computes the template, by default `template_of`. It may use a cluster, because it may take long.
 
     Raises
     ------
     StorageError
         The store cannot be written now.
     SurveyError
-        Something else is there, it cannot be written, or another run writes to the damaged store.
+        The path has other contents, the store cannot be written, or another run writes to the damaged store.
     """
     place, make = place_of(where), make or template_of
     try:
@@ -94,7 +94,7 @@ def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
 
 
 def _mend(request: AnyRequest, place: Place, make: Make) -> None:
-    """Write the template over a damaged store, root and manifest last. Families and levels are made again later."""
+    """Write the template over a damaged store, root and manifest last. Families and levels are computed again later."""
     manifest = _require_same(request, place)
     if not _is_damaged(place, manifest):
         return  # another run has repaired it meanwhile
@@ -117,7 +117,7 @@ def _mend(request: AnyRequest, place: Place, make: Make) -> None:
 
 
 def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the index and digests of each tile whose chunks all decode, in a store that has lost its manifest."""
+    """Yield the index and the chunks' digests of each computed tile, in a store that has lost its manifest."""
     for tile in tiles_of(request):
         contents = _contents(request, place, tile)
         try:
@@ -129,7 +129,7 @@ def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[st
 
 
 def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
-    """Return the manifest of a survey's store; None if it is lost or damaged and the root identifies the survey."""
+    """Require that a store is this survey's, and return its manifest, or None if the manifest is lost or damaged."""
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -153,7 +153,7 @@ def tiles_done(
 ) -> set[int]:
     """Return the indices of the tiles that are computed and undamaged.
 
-    Every chunk is read, for its checksum; `should_stop` is called at each tile.
+    Every chunk is read to check its digest. `should_stop` is called at each tile.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def tiles_done(
     Raises
     ------
     SurveyError
-        The store is not that of this survey.
+        The store is of another survey.
     StoppedError
         `should_stop` returned true.
     """
@@ -173,7 +173,7 @@ def tiles_done(
 
 
 def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
-    """Raise SurveyError unless the tile is one whole chunk: two writers inside one chunk lose data silently."""
+    """Raise SurveyError unless the tile is one whole chunk, because two writers in one chunk lose data silently."""
     axes = zip(tile.spans, request.tile_shape, request.shape, strict=True)
     for span, size, num in axes:
         if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
@@ -193,9 +193,9 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     Raises
     ------
     SurveyError
-        The tile or a shape is not a chunk of the store, or the store is of another survey.
+        The tile is not a chunk of the store, an array has another shape, or the store is of another survey.
     StorageError
-        The tile cannot be written now, or the store is gone, with its disk or by a deletion.
+        The tile cannot be written now, or the store is gone because it was deleted or its disk is not there.
     """
     require_aligned(request, tile)
     place = _place(path, request)
@@ -210,13 +210,13 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
 
 @lru_cache(maxsize=16)
 def _place(path: str, request: AnyRequest) -> Place:
-    """Return the location of a store, after checking once in each process that it is this survey's."""
+    """Return the location of a store. Each process checks once that the store is this survey's."""
     _require_same(request, place_of(path))
     return place_of(path)
 
 
 def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str, str]) -> dict[str, np.ndarray] | None:
-    """Read every variable of a computed tile; None if it is damaged. known: digests of its chunks, by their key.
+    """Read every variable of a computed tile, or return None if it is damaged. known: digests of its chunks, by key.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, byt
 
 
 def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """Return every variable of a tile. Raises the errors of codecs for damaged chunks, KeyError for lost ones."""
+    """Decode every variable of a tile. Raises KeyError for lost chunks, and the errors of codecs for damaged ones."""
     kept, arrays, _ = _blank(request)
     values = {}
     for name, key in _keys(request, tile).items():
@@ -254,13 +254,16 @@ def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) 
 
 
 def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, bytes]:
-    """Return the files of a tile, by their key, as zarr writes them."""
+    """Encode a tile. Return the contents of its files by key, as zarr writes them."""
     kept, arrays, chunks = _blank(request)
     for name, given in values.items():
         if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.at].shape:
-            raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
+            raise SurveyError(
+                f"tile {tile.index}: {name} has shape {given.shape}, which is not the shape of its chunk: pass the "
+                "arrays of compute_tile unchanged"
+            )
     if missing := chunks.keys() - values.keys():
-        raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
+        raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}: pass all arrays of compute_tile")
     contents = {}
     for name, key in _keys(request, tile).items():
         arrays[name][tile.at] = values[name]
@@ -269,7 +272,7 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
 
 
 def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
-    """Return the key of each chunk of a tile, by variable, `status` last, because readers rely on the status."""
+    """Return the key of each chunk of a tile, by variable. `status` is last: a tile with a status is complete."""
     rows, columns = request.tile_grid
     row, column = divmod(tile.index, columns)
     chunks = _blank(request)[2]
@@ -278,7 +281,7 @@ def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey whose tiles are all done: remove partial files, and write its date. It may be repeated.
+    """Finish a survey whose tiles are all computed: remove partial files, and write the date. It may be repeated.
 
     Raises
     ------
@@ -297,7 +300,7 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.sweep()
             told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
-            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # otherwise its rounds have written these
+            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # with LEAF, the rounds of audits count them
                 told |= _refined(place)
             tell(place, told)
         except OSError as error:
@@ -306,15 +309,15 @@ def finish_store(where: str | Path | Place) -> None:
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
-    """Return whether a group or a variable was added to a survey's store."""
+    """Return whether a group or variable was added to a survey's store after its tiles."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add the files of `added` to a store, and record chunks that tasks have written, with their digests.
+    """Add files to a store. added: contents of files to write. there: digests of chunks that are already written.
 
-    All of them appear with the root, which is written last, and are in the manifest.
+    The root is written last, and all additions become visible with it.
 
     Raises
     ------
@@ -327,15 +330,15 @@ def added_to_store(where: str | Path | Place, added: Template, there: Mapping[st
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
-    """Remove additions of a store that would not agree with tiles that are computed anew.
+    """Remove the additions of a store that would contradict tiles that are computed again: families, levels, audits.
 
-    In such tiles slots are by share until they are joined, and a single round of audits is done. The caller holds the
-    lock of the store.
+    In new tiles, slots are in the order of basin fractions until the families are joined, and only the first round of
+    audits is done. The caller holds the lock of the store.
 
     Raises
     ------
     SurveyError
-        If the store cannot be written.
+        The store is damaged.
     StorageError
         The store cannot be written now.
     """
@@ -354,7 +357,7 @@ def _is_added(key: str) -> bool:
 
 
 def _refined(place: Place) -> dict[str, int | float]:
-    """Return the counts of a refined survey for its root: filled cells, and the findings of their audit."""
+    """Count filled and audited cells of a refined survey, and return the attributes `TOLD` for its root."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
@@ -365,7 +368,7 @@ def _refined(place: Place) -> dict[str, int | float]:
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
-    """Yield the values of a variable of cells, a row of tiles at a time, because all of them may need too much memory.
+    """Yield the values of a per-cell variable, a row of tiles at a time, because all at once may need too much memory.
 
     Yields
     ------
@@ -392,14 +395,14 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
 def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:
     """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not.
 
-    Values are read when they are needed. `xarray.open_zarr(path_or_url, group=group)` shows the same, with complex
-    variables as `…_real` and `…_imag`. This function also explains why there is no survey, and its dataset can be
-    written again, in any chunks, with `to_netcdf` (which keeps the CF conventions) and `to_zarr`.
+    Values are read when they are needed. `xarray.open_zarr(path_or_url, group=group)` opens the same dataset, except
+    that complex variables are in two parts, `…_real` and `…_imag`. The dataset of this function can be written again in
+    any chunks, with `to_netcdf` (under the CF conventions) and `to_zarr`; and its errors say why there is no survey.
 
     Parameters
     ----------
     as_stored : bool
-        Leave complex variables in their two parts, which NetCDF can hold.
+        Leave complex variables in two parts, as NetCDF requires.
 
     Returns
     -------
@@ -411,15 +414,15 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     SurveyError
         There is no survey, or it cannot be read.
     """
-    import xarray as xr  # a third of a second, which no process that only computes has to wait for
+    import xarray as xr  # here, because loading takes a third of a second, and workers do not need it
 
     try:
         dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True, group=group)
-    except Exception as error:  # what the disk, the network or a foreign format raises
+    except Exception as error:  # disks, networks and foreign formats raise errors of many types
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
     if group is None and "content_hash" not in dataset.attrs:
         dataset.close()
-        raise SurveyError(f"{path_or_url} is not a survey")
+        raise SurveyError(f"{path_or_url} is not a survey: give the path or URL of a survey's store")
     dataset = prepare_for_writing(dataset)
     if as_stored:
         return dataset
@@ -429,9 +432,9 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
 
 
 def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
-    """Open the groups of a survey, as they are stored: curves, their points and families, by their paths.
+    """Open all groups of a survey except its levels: curves, codimension-two points and families, by path.
 
-    Levels have no information of their own, and are opened one by one.
+    Levels are left out, because they have no information of their own.
 
     Returns
     -------
@@ -447,7 +450,7 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
 
     try:
         found = xr.open_groups(_readable(path_or_url), engine="zarr", chunks=None, consolidated=True)
-    except Exception as error:  # what the disk, the network or a foreign format raises
+    except Exception as error:  # disks, networks and foreign formats raise errors of many types
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
     return {
         path.strip("/"): prepare_for_writing(each)

@@ -65,7 +65,7 @@ Name = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
 
 
 def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace numpy's numbers by Python's, which are as good."""
+    """Replace numpy's numbers by Python's, because strict fields refuse numpy's types."""
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
 
 
@@ -131,7 +131,7 @@ class Axis(Strict):
             raise SurveyError(f"{how}: {place_and_reason(error)}") from error
 
 
-#: Messages for wrong fields, by pydantic's type of error; pydantic's own describe the program ("Input should be …").
+#: Message for each of pydantic's types of error. Pydantic's own messages describe the program ("Input should be …").
 _WORDS = {
     "missing": "is not given: give it",
     "greater_than": "must be greater than {gt}, got {input}",
@@ -159,7 +159,7 @@ _WORDS = {
 }
 _CHOICE = re.compile(r"'([^']*)'")
 _ENDS = (("least", "min_length"), ("most", "max_length"))
-LONGEST = 60  # the most characters of a given value in a message
+LONGEST = 60  # a message quotes at most this many characters of a given value
 
 
 def _fields_below(kind: type[BaseModel]) -> set[str]:
@@ -174,7 +174,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
     Parameters
     ----------
     detail : mapping
-        An entry of `errors()` of pydantic's ValidationError, or one like it with a `msg` alone.
+        An entry of `errors()` of pydantic's ValidationError, or a mapping with only a `msg`.
 
     Returns
     -------
@@ -198,14 +198,14 @@ def words_of(detail: Mapping[str, Any]) -> str:
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
     try:
         return _WORDS[str(kind)].format_map(context)
-    except KeyError:  # another type, or an error of this project
+    except KeyError:  # _WORDS has no message for this type of error, or a validator of ours raised it: `msg` says why
         return str(detail["msg"]).removeprefix("Value error, ")
 
 
 def _shortened(given: Any) -> str:
     try:
         text = json.dumps(given, ensure_ascii=False) if isinstance(given, bool | str | None) else repr(given)
-    except ValueError:  # the digits of a huge integer
+    except ValueError:  # Python refuses to print an integer of thousands of digits
         return "a number beyond printing"
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
@@ -232,7 +232,7 @@ def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         raise PydanticCustomError("number_or_axis", "{said}", {"said": ": ".join([*where, reason(error)])}) from error
 
 
-#: A message about a wrong value describes the intended form only, a number or an axis.
+#: A wrong value is reported once: as a wrong axis if it looks like an axis, else as a wrong number.
 NumberOrAxis = WrapValidator(_number_or_axis)
 
 

@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # δ, ε and piece of the points of a curve, in their order
+Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # the points of a curve: δ, ε, and the number of their piece
 
 
 class Crossings(NamedTuple):
     """Passages of a curve between neighbouring cells of a grid.
 
-    delta, epsilon: ascending numbers of cells; the curve passes between the cell and the next one along that axis.
+    delta, epsilon: ascending cell numbers. The curve passes between each of these cells and the next cell along δ (or
+    along ε).
     """
 
     delta: np.ndarray
@@ -25,19 +26,19 @@ def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Cro
 
 
 def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the crossings of a polyline of (x, y) with the grid lines of y between an x and the next.
+    """Return where a polyline (x, y) crosses the horizontal grid lines `y`, between two neighbouring values of `x`.
 
     Returns
     -------
     tuple[np.ndarray, np.ndarray]
-        The index of the line y, and of the x before the crossing.
+        For each crossing: the index of its grid line in `y`, and the index of the last value of `x` before it.
     """
     if len(curve[0]) < 2 or x.size < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     (x0, x1), (y0, y1) = ((values[:-1], values[1:]) for values in curve[:2])
     begin = np.searchsorted(y, np.minimum(y0, y1), "left")
     end = np.searchsorted(y, np.maximum(y0, y1), "right")
-    end = np.where(curve[2][:-1] == curve[2][1:], end, begin)  # pieces are not joined
+    end = np.where(curve[2][:-1] == curve[2][1:], end, begin)  # no segment joins two pieces
     many = end - begin
     segment = np.repeat(np.arange(many.size), many)
     line = np.arange(segment.size) - np.repeat(np.cumsum(many) - many, many) + begin[segment]

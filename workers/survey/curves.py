@@ -1,7 +1,7 @@
 """The curves and points that divide the plane of a survey, for its store and its picture.
 
-Groups inherit the survey's coordinates delta, epsilon and multiplier in xarray, and a variable of that name in a group
-would be hidden. So variables of groups begin with `point_`.
+In xarray a group inherits the survey's coordinates delta, epsilon and multiplier, which would hide a variable of the
+same name in the group. So the names of such variables begin with `point_`.
 """
 
 import sys
@@ -20,9 +20,10 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
-LOWEST_DELTA = 0.1  # least δ of a window, as a share of the axis' start: no curve reaches δ = 0
-NARROWEST = 1e-9  # least half-width of a window, as a share of its parameter: in smaller ones a curve takes minutes
-LEAST_EPSILON = 1e-6  # the parameter of that share, where ε is smaller
+LOWEST_DELTA = 0.1  # a window's δ is at least this share of the first δ of the axis, because no curve reaches δ = 0
+#: A window's half-width is at least this share of its δ (or ε), because curves take minutes in narrower windows.
+NARROWEST = 1e-9
+LEAST_EPSILON = 1e-6  # replaces a smaller ε in that limit, which would be 0 at ε = 0
 
 
 class Missing(NamedTuple):
@@ -33,7 +34,7 @@ class Missing(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveVariable:
-    """A stored variable of a group, with the function for its values; if they are missing it has length 0."""
+    """A stored variable of a group. values: the function that reads it from a curve; a missing curve has length 0."""
 
     name: str
     dims: tuple[str, ...]
@@ -49,7 +50,7 @@ class CurveVariable:
 
     @property
     def parts(self) -> tuple["CurveVariable", ...]:
-        """Stored parts of a complex variable, or the variable itself, as those of a `Quantity`."""
+        """The stored variables: real and imaginary part if it is complex, else the variable itself."""
         if self.dtype is not complex:
             return (self,)
 
@@ -69,7 +70,7 @@ class CurveVariable:
         return {"long_name": self.long_name, "units": "1"}
 
 
-TEXT = np.dtypes.StringDType()  # of variable length, the only kind of text that zarr v3 specifies
+TEXT = np.dtypes.StringDType()  # variable-length text, the only kind of text that zarr v3 specifies
 POINT, END, PAIR = ("point",), ("end",), ("pair",)
 
 CURVE_VARIABLES: tuple[CurveVariable, ...] = (
@@ -159,10 +160,10 @@ def _column(points: Points, number: int) -> list[Any]:
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
-    """Return the plane that a map of these cells shows.
+    """Return the rectangle of the plane that a map of these cells shows.
 
-    It extends half a cell beyond them on each side, where δ is positive and ε not negative, so a curve that crosses a
-    cell on the border has points on both sides of it.
+    The rectangle extends half a cell beyond the cells on each side (but not to δ ≤ 0 or ε < 0), so a curve that crosses
+    a cell on the border has points on both sides of that cell.
 
     Returns
     -------
@@ -175,7 +176,7 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
 
 
 def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return the range of an axis, not narrower than curves can be followed in: there they are straight lines."""
+    """Return the range of an axis, widened on both sides by half a cell, or by NARROWEST if that is more."""
     low, high = float(axis[0]), float(axis[-1])
     half = max((high - low) / max(2 * (axis.size - 1), 1), NARROWEST * max(abs(high), scale))
     return low - half, min(high + half, sys.float_info.max)
@@ -185,7 +186,7 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
     """Return a curve inside a window. It is cached, because pictures of a running survey need it repeatedly."""
     try:
-        with np.errstate(all="ignore"):  # in an extreme window steps of the search may overflow
+        with np.errstate(all="ignore"):  # steps of the search may overflow if the window has extreme values
             return model.trace(name, window.delta, window.epsilon)
     except RattleError as error:
         return Missing(f"not traced: {error}")
@@ -193,7 +194,7 @@ def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
 
 @lru_cache(maxsize=8)
 def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
-    """Return the passages of each curve of a model between the cells of a grid, as it is traced for the template."""
+    """Return where each curve of a model, as the store's template contains it, passes between the cells of a grid."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
     return tuple(crossings_of(_points(curve), *grid) for curve in found)
@@ -208,7 +209,7 @@ def _points(curve: Curve | Missing) -> Polyline:
 def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
     """Return the attributes of a curve, with the reason if its group is empty.
 
-    The reference is the model's, which lacks some curves.
+    The attribute `references` names the paper of the model, which does not contain all of these curves.
 
     Returns
     -------

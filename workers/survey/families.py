@@ -73,7 +73,7 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
 )
 
 
-#: Variables of the edges of families, from `gear_rattle.workers.boundaries.edges.Edges`.
+#: Variables about the edges of families; their values come from `gear_rattle.workers.boundaries.edges.Edges`.
 EDGE_VARIABLES: tuple[CurveVariable, ...] = (
     CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
     CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
@@ -88,19 +88,23 @@ EDGE_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 class Slots(NamedTuple):
-    """The attractors that a survey lists, and the slots (attractors,) that they are in."""
+    """The attractors that a survey lists, and the number (attractors,) of each one's slot."""
 
     attractors: Attractors
     slot: np.ndarray
 
 
 class Joined(NamedTuple):
-    """The families of a survey, the continued orbits without a slot in the order of their cells, and their families."""
+    """The families of a survey.
+
+    table: the families. entered: orbits that continuation found and that have no slot, in the order of their cells.
+    entered_family: the family of each of these orbits. columns: the number of columns of the grid.
+    """
 
     table: FamilyTable
     entered: Attractors
     entered_family: np.ndarray
-    columns: int  # columns of the grid
+    columns: int
 
 
 def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
@@ -108,14 +112,14 @@ def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
 
 
 def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
-    """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n).
+    """Return the attractors in the slots of a rectangle of cells, from the variables STORED (slots, …, rows, columns).
 
-    They are sorted by cell, independent of their slots; cells are numbered row by row of the rectangle.
+    The attractors are sorted by cell, in an order that does not depend on their slots. Cells are numbered row by row.
 
     Returns
     -------
     Slots
-        One row for each occupied slot.
+        One attractor for each occupied slot.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
@@ -149,17 +153,18 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:
-    """Complete a permutation of slots (slots, m, n): targets −1 get the unused sources in their order.
+    """Complete `source` (slots, m, n), which says from which slot each slot of a cell is filled, to a permutation.
 
-    So empty slots stay empty.
+    A slot without a source (−1) gets one of the slots that no other slot uses, in ascending order; these are empty, so
+    empty slots stay empty.
 
     Returns
     -------
     np.ndarray
-        Source of each slot, all different in a cell.
+        Source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
-    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
+    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 addresses the additional last row
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
     free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)
     moved = np.take_along_axis(source, to, 0)
@@ -169,15 +174,15 @@ def with_empty(source: np.ndarray) -> np.ndarray:
 
 
 def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
-    """Return the slot that each family has in all its cells (families,), −1 for none.
+    """Assign to each family one slot for all its cells.
 
-    together (k, 2): pairs of families in the same cell, the smaller number first. One family after the other, by
-    number, gets the lowest slot that is free in all its cells.
+    together (k, 2): pairs of families that share a cell, the smaller number first. Families are assigned in the order
+    of their numbers; each gets the lowest slot that is free in all its cells.
 
     Returns
     -------
     np.ndarray
-        int8.
+        Slot of each family (families,), int8; −1 if no slot is free in all its cells.
     """
     order = np.argsort(together[:, 1], kind="stable")
     begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
@@ -194,9 +199,10 @@ def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.nda
 
 
 def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
-    """Return the slots of attractors (k,), in each cell by falling share, from those of their families, −1 for none.
+    """Return the slots of attractors (k,), given the slot of each family (`of_family`, −1 for none).
 
-    Attractors without such a slot, and further ones of a family in a cell, get the lowest free slot of the cell.
+    The attractors of each cell are sorted by falling basin fraction. The first attractor of a family in a cell gets the
+    family's slot. All others, and attractors of families without a slot, get the lowest free slot of the cell.
 
     Returns
     -------
@@ -204,7 +210,7 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
         Slot of each attractor.
     """
     slot = np.full(family.size, -1)
-    used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # a bit for each slot of a cell
+    used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # for each cell a bit for each slot
     named = np.flatnonzero(family != NO_FAMILY)
     _, first = np.unique(family[named].astype(np.int64) * used.size + cell[named], return_index=True)
     first = named[first]  # the first attractor of each family in each cell
@@ -223,7 +229,7 @@ def _lowest_free(used: int) -> int:
 
 
 def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
-    """Create the array with the family of every slot, in chunks of so many cells a side."""
+    """Create the array with the family of every slot, in chunks of `side` × `side` cells."""
     described: dict[str, Any] = {
         "long_name": "number of the family of the attractor, a row of the group families; 0: quiet, -1: none",
         "units": "1",
@@ -244,12 +250,12 @@ def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.
 
 
 def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
-    """Return the files of families in a store, except the chunks of their numbers, by their key.
+    """Return the files of the families in a store by key, except the chunks of the array of family numbers.
 
     Parameters
     ----------
     found : Mapping[Along, tuple[Joined, Any]]
-        For each slice its families, and the source of EDGE_VARIABLES.
+        For each slice, by its index: its families, and the `Edges` for EDGE_VARIABLES.
 
     Returns
     -------

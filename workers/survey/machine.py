@@ -1,8 +1,9 @@
-"""A survey of a machine: numbers of a pair of gears that are fixed, while its speed and eccentricity are the axes.
+"""A survey of a machine: a pair of gears with fixed dimensions, whose speed and eccentricity are the axes.
 
-β depends on neither, δ = 2πc/(IΩ) on the speed alone and ε on the eccentricity alone, so a plane of one β is a plane of
-speeds and eccentricities, also for two unlike gears. Harmonics of the request are relative to the eccentricity. Even
-steps of δ are even steps of the duration of a revolution, not of the speed.
+β depends on neither speed nor eccentricity; δ = 2πc/(IΩ) depends on the speed alone (drag c, inertia I, angular speed
+Ω), and ε on the eccentricity alone. So a plane of one β is a plane of speeds and eccentricities, also for two unlike
+gears. Harmonics of the request are relative to the eccentricity. Even steps of δ are even steps of the duration of a
+revolution, not of the speed.
 """
 
 from collections.abc import Mapping
@@ -27,7 +28,7 @@ class SurveyedMachine(Strict):
     """Two gears in SI units, as `rattle.Machine` takes them, without speed, eccentricity and stiffness.
 
     inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed". driven_inertia, driven_drag,
-    driven_radius: those of the second gear, by default equal to those of the first. teeth, driven_teeth: tooth numbers.
+    driven_radius: numbers of the second gear, by default equal to the first gear's. teeth, driven_teeth: tooth numbers.
     """
 
     inertia: Positive
@@ -43,7 +44,7 @@ class SurveyedMachine(Strict):
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
-        """Leave out fields that are not given, so that equal gears keep their documents and attributes."""
+        """Leave out fields that are not given, so that two equal gears have only the fields of one gear."""
         return {name: value for name, value in handler(self).items() if value is not None}
 
     def at(self, rpm: float, eccentricity: float) -> Machine:
@@ -58,21 +59,21 @@ class SurveyedMachine(Strict):
 
     @property
     def beta(self) -> float:
-        """The half-backlash of the model."""
+        """The model's half-backlash β of these gears."""
         return float(self._pair.scale * self.backlash / (2.0 * self.radius))
 
     def rpm(self, delta: Any) -> Any:
-        """Return the speeds, in revolutions per minute, at which the damping is δ."""
+        """Return the speeds in revolutions per minute at which the gears have the dampings `delta`."""
         pair = self._pair
         return 2.0 * np.pi * pair.drag / pair.inertia / delta / RPM
 
     def eccentricity(self, epsilon: Any) -> Any:
-        """Return the eccentricities, in metres along the line of action, that belong to ε."""
+        """Return the eccentricities, in metres along the line of action, that correspond to `epsilon`."""
         return epsilon * self.radius / self._pair.scale
 
 
 def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
-    """Return both ends of the axis δ or ε for a range of speeds or eccentricities. Raises ParameterError."""
+    """Return the ends of the axis of δ for a range of speeds, or of ε for eccentricities. Raises ParameterError."""
     if name == "rpm":
         return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
     any_speed = 1.0  # rpm: ε does not depend on it
@@ -80,7 +81,18 @@ def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, flo
 
 
 def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a survey with its machine's axes and β as δ, ε and β. Raises ValueError."""
+    """Return the fields of a survey request, with the machine's speeds, eccentricities and backlash as δ, ε and β.
+
+    Returns
+    -------
+    dict[str, Any]
+        Fields by name; `machine` and both axes are validated.
+
+    Raises
+    ------
+    ValueError
+        A field of the machine is wrong, or an axis is given twice.
+    """
     machine = dict(given["machine"])
     spans = {name: machine.pop(name) for name in AXES if name in machine}
     numbers = _read(SurveyedMachine, "machine", machine)
@@ -95,7 +107,7 @@ def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read(kind: type[Part], where: str, value: Any) -> Part:
-    """Return a part of a request. Raises ValueError, which names the wrong value."""
+    """Validate a part of a request. Raises ValueError with the name of the wrong field."""
     try:
         return kind.model_validate(value)
     except ValidationError as error:

@@ -10,12 +10,12 @@ ROOT = "zarr.json"
 MANIFEST = "manifest.json"
 FORMAT = 1  # version of the manifest's format
 DIGITS = 16  # hexadecimal digits of a digest
-SLICES = "slices"  # the group for curves, points and families of slices along a third axis
+SLICES = "slices"  # group with the curves, points and families of each slice along a third axis
 SLICE = "{slice}"  # placeholder in a pattern of chunk keys for the index along a third axis
 
 
 def group_path(along: tuple[int, ...], group: str = "") -> str:
-    """Return the path of a group of a slice: below SLICES and the slice's index, or at the top without a third axis."""
+    """Return the path of a slice's group: in SLICES under the slice's index, or at the top without a third axis."""
     return "/".join([*(f"{SLICES}/{index}" for index in along), *([group] if group else [])])
 
 
@@ -39,21 +39,21 @@ class Manifest:
 
     content_hash: str
     date_created: str
-    grid: tuple[int, int]  # number of tiles along (epsilon, delta), with the rows of all slices
-    chunks: dict[str, str]  # pattern of the chunk keys of each variable of tiles, with {row} and {column}
+    grid: tuple[int, int]  # numbers of tiles along (epsilon, delta); the rows of all slices are counted
+    chunks: dict[str, str]  # by variable: the pattern of its chunk keys, with {row} and {column}
     root: tuple[str, ...]  # digest of the root; the old and the new digest while it is replaced
-    files: dict[str, str]  # digest of every other file that is not a tile's, by key
-    tiles: dict[int, str] = field(default_factory=dict)  # joined digests of the chunks of each computed tile
+    files: dict[str, str]  # by key: the digest of each file beside the root and the tiles' chunks
+    tiles: dict[int, str] = field(default_factory=dict)  # by index of a computed tile: the joined digests of its chunks
     slices: int = 1  # number of slices along a third axis
 
     def to_bytes(self) -> bytes:
-        """Return the content of the file: a JSON document with the SHA-256 of the rest of it."""
+        """Return the content of the manifest's file: a JSON document that begins with the SHA-256 of its remainder."""
         written = json.dumps({"format": FORMAT, **vars(self), "tiles": dict(sorted(self.tiles.items()))})
         return f'{{"sha256": "{hashlib.sha256(written.encode()).hexdigest()}", "manifest": {written}}}'.encode()
 
     @classmethod
     def of_bytes(cls, content: bytes) -> "Manifest | None":
-        """Return the manifest in the content of a file; None if it is damaged or of another format."""
+        """Return the manifest in the content of a file, or None if the file is damaged or has another format."""
         try:
             known: dict[str, Any] = json.loads(content)["manifest"]
             if known.pop("format") != FORMAT:
@@ -72,7 +72,7 @@ class Manifest:
 
     @property
     def n_tiles(self) -> int:
-        """Number of tiles of all slices."""
+        """Number of tiles, in all slices together."""
         return self.grid[0] * self.grid[1]
 
     def keys(self, index: int) -> dict[str, str]:
@@ -81,17 +81,17 @@ class Manifest:
         return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
 
     def note(self, index: int, files: Mapping[str, str]) -> None:
-        """Record a computed tile, from the digests of its chunks by their keys."""
+        """Record a computed tile. files: the digest of each of its chunks, by key."""
         self.tiles[index] = "".join(files[key] for key in self.keys(index).values())
 
     def digests_of(self, index: int) -> dict[str, str]:
-        """Return the digests of a tile's chunks by their keys; empty unless it is computed."""
+        """Return the digests of a tile's chunks by key; empty if the tile is not computed."""
         joined = self.tiles.get(index, "")
         each = (joined[i : i + DIGITS] for i in range(0, len(joined), DIGITS))
         return dict(zip(self.keys(index).values(), each, strict=False))
 
     def tile_of(self, key: str) -> int | None:
-        """Return the index of the tile with this chunk; None if the key is not a tile's chunk."""
+        """Return the index of the tile that has the chunk of this key; None if no tile has it."""
         pattern = self.chunks.get(key.rpartition("/c/")[0], "")
         places = dict(zip(pattern.split("/"), key.split("/"), strict=False))
         along, row, column = (places.get(part, "0") for part in (SLICE, "{row}", "{column}"))

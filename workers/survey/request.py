@@ -39,7 +39,7 @@ from rattle.models import (
     with_harmonics,
 )
 
-Along = tuple[int, ...]  # an index along the third axis, () where there is none
+Along = tuple[int, ...]  # the index of a slice along the third axis; () for a survey without a third axis
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
 
@@ -50,28 +50,34 @@ def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         raise ValueError(f'v_max is a speed above 0, or "{NATURAL}" for each cell\'s own: give one of them') from error
 
 
-#: An error of a speed limit is reported once, not for each type that it might have.
+#: A wrong speed limit is reported once, not once for each type that a speed limit may have.
 OneSpeed = WrapValidator(_one_of_both)
 
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
-LEAST_TILES = 16  # least tiles by default, so that workers end at about the same time and progress is visible
-MOST_TILES = 100  # most tiles of a large survey by default, because each tile has some 35 files
-LARGER = 16  # largest factor of the samples in a tile of a large survey
-BASIN_SIDE = 8  # cells along a side of a default tile with basins, which takes a second or two
-BASIN_SAMPLES = 4096  # states that such a cell follows at a time
+#: By default a survey has at least this many tiles, so that workers end at about the same time and progress is visible.
+LEAST_TILES = 16
+#: By default a large survey has about this many tiles, because each tile has some 35 files.
+MOST_TILES = 100
+LARGER = 16  # the default tile of a large survey has at most this many times the samples of a usual tile
+BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; such a tile takes a second or two
+BASIN_SAMPLES = 4096  # states that a cell follows at a time if basins are computed
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
-MAX_TILE_REGIONS = 1_048_576  # cells of a refined tile of regions alone, at a few bytes each
-TALL = 4  # factor of the default height of such a tile, because closed forms are prepared column by column
+MAX_TILE_REGIONS = 1_048_576  # the same limit for a refined survey of regions alone, where a cell has a few bytes
+#: A default tile of such a survey is higher than wide by the square of this, because closed forms share work by column.
+TALL = 4
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # rules for the slot of an attractor
-SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
+#: Default numbers of slots: SLOTS, or MORE_SLOTS if the survey begins below the damping MANY_ATTRACTORS.
+SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1
 MAX_SLOTS = 64
-MAX_TILES = 1_000_000  # each has a file per variable, and takes a millisecond of scheduling
-MAX_SLICES = 64  # most slices of a third axis: the curves of each take seconds, and a hundred files
+MAX_TILES = 1_000_000  # a tile has a file for each variable, and costs a millisecond of scheduling
+MAX_SLICES = 64  # most slices along a third axis; the curves of a slice take seconds to compute, and a hundred files
 
 
 class InitialConditions(Strict):
-    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max), or of [tau_min, tau_max) × (v_min, v_max).
+    """The initial conditions of each cell: `count` points (τ, v) of the box [tau_min, tau_max) × (v_min, v_max).
+
+    The box is [0, 1) × (0, v_max) by default.
 
     v_max: a speed for all cells, or "natural" for 1.5 √(16πδβ) + 2πε of each cell; the default is 7 if all axes are in
     the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2), else natural. budget: impacts on Σ⁺ after which
@@ -135,27 +141,28 @@ def _kind_of(parameter: Parameter) -> Any:
 if TYPE_CHECKING:
     _Numbers = _Head
 else:
-    #: The fields of what the models add, after those that come first in documents.
+    #: The fields of `_Head`, which come first in documents, and a field for each parameter that a model adds.
     _Numbers = create_model(
         "_Numbers", __base__=_Head, **{name: (_kind_of(each), None) for name, each in ADDED.items()}
     )
 
 
 class SurveyRequest(_Numbers):
-    """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; every field but the axes has a default.
+    """The request for a survey of the (δ, ε) plane: the body of `POST /v1/surveys`; only the axes have no defaults.
 
-    model: the impacting gear, or another model, with the numbers that it adds. beta, and these numbers: a number each,
-    or for one of them a third axis, each value of which has a slice: the survey of its plane. quantities: groups of
-    variables, by default all of the model except those that cost several times as much as all others; a group brings
-    the groups that it is made from (families: attractors and lyapunov). slots: the most attractors that a cell lists,
-    by default 8, or 24 if δ begins below 0.1; further ones are counted, and their share is stored. slots_by: "fraction"
-    for the largest share first, or "family" for each family in one slot of all cells, as far as there are slots; the
-    default is "family" if families are computed. machine: given instead of β and of the axes, with `rpm` and
-    `eccentricity` as {"start", "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells
-    first, and more where motions differ between them; true, or {"audit": share of the filled cells to compute as a
-    check, "bound": upper bound that the wrong share of filled cells must meet}. harmonics: for a model that takes them,
-    [order, amplitude over that of the first harmonic, phase in turns] of each harmonic beside the first. certify: prove
-    the periodic attractors, into a store of certificates beside the survey's.
+    model: the impacting gear, or another model; a model may add parameters. beta, and each added parameter: a number;
+    one of them may be a third axis instead, and the survey then has a slice (a plane) for each of its values.
+    quantities: groups of variables, by default all groups of the model except expensive ones; a group includes the
+    groups that it needs (families: attractors and lyapunov). slots: the most attractors that a cell lists, by default
+    8, or 24 if δ begins below 0.1; further attractors are counted, and their share is stored. slots_by: "fraction"
+    lists the attractors of a cell by falling basin fraction; "family" gives each family the same slot in all cells, as
+    far as there are slots; the default is "family" if families are computed. machine: the dimensions of two gears,
+    given instead of β and the axes; its fields `rpm` and `eccentricity` are {"start", "stop", "num"} each, and become
+    even steps of δ and ε. refine: compute few cells first, more where motions differ, and fill the others; true, or
+    {"audit": share of the filled cells to compute as a check, "bound": largest allowed share of wrong cells among the
+    filled ones}. harmonics: further harmonics of the forcing, if the model allows them, each as [order, amplitude
+    divided by that of the first harmonic, phase in turns]. certify: prove the periodic attractors; their certificates
+    go to a store of their own beside the survey's.
     """
 
     delta: Axis
@@ -174,7 +181,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_machine(cls, given: Any) -> Any:
-        """Replace a machine by its β, and its speeds and eccentricities as axes of the model."""
+        """Compute β and the axes of δ and ε from a machine's dimensions, speeds and eccentricities."""
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
             return in_the_model(given)
         return given
@@ -246,8 +253,8 @@ class SurveyRequest(_Numbers):
                 raise ValueError(f"the {self.model} model needs {name}, the {each.described}: give one, {each.advice}")
             if name not in own and value is not None:
                 owner = owner_of(name).name
-                raise ValueError(f'{name} is of the {owner} model: set model to "{owner}", or leave {name} out')
-        with_harmonics(MODELS[self.model](), self.harmonics)  # checks them
+                raise ValueError(f'only the {owner} model has {name}: set model to "{owner}", or leave {name} out')
+        with_harmonics(MODELS[self.model](), self.harmonics)  # raises an error if the model refuses the harmonics
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
@@ -267,8 +274,8 @@ class SurveyRequest(_Numbers):
         for each in MODELS[self.model].added:
             if each.machine_number is not None and getattr(self, each.name) != each.default:
                 raise ValueError(
-                    f"a machine has another {each.name} at each speed, and a survey has one: leave out the machine, or "
-                    f"model and {each.name}"
+                    f"{each.name} of a machine changes with its speed, but a survey has one {each.name} for all cells: "
+                    f"leave out the machine, or leave out model and {each.name}"
                 )
         if self.beta != self.machine.beta:
             raise ValueError(f"this machine has beta {self.machine.beta}: leave beta out")
@@ -287,10 +294,10 @@ class SurveyRequest(_Numbers):
         if self.certify and Group.ATTRACTORS not in self.quantities:
             raise ValueError("certify proves attractors: name this quantity too, or leave certify out")
         if self.certify and Capability.PROOFS not in MODELS[self.model].has:
-            raise ValueError(f"a proof of periodic motions is not known of the {self.model} model: leave certify out")
+            raise ValueError(f"periodic motions of the {self.model} model cannot be proved: leave certify out")
         if self.certify and self.third:
             raise ValueError(
-                f"certify is of a survey without a third axis: give one number for {self.third}, or prove its slices "
+                f"certify needs a survey without a third axis: give one number for {self.third}, or prove the slices "
                 "one by one afterwards: rattle certify STORE --slice NUMBER"
             )
         return self
@@ -304,11 +311,13 @@ class SurveyRequest(_Numbers):
             if self.refine is not None and size not in (None, num) and size % BLOCK:
                 raise ValueError(f"tile.{axis} ({size}) cuts the blocks that are refined: use a multiple of {BLOCK}")
         if self.tile_shape[0] * self.tile_shape[1] > self._most_tile_cells:
-            raise ValueError(f"a tile may hold {self._most_tile_cells} cells: use a smaller tile")
+            raise ValueError(f"a tile may hold at most {self._most_tile_cells:,} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
-            raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
+            raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
-            raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
+            raise ValueError(
+                f"{self.n_tiles:,} tiles exceed the limit of {MAX_TILES:,}: use a larger tile or a coarser grid"
+            )
         return self
 
     @property
@@ -319,12 +328,12 @@ class SurveyRequest(_Numbers):
 
     @property
     def is_bounded(self) -> bool:
-        """True if a bound of the wrong share of filled cells was requested."""
+        """True if the request has a bound for the share of wrong cells among the filled ones."""
         return self.refine is not None and self.refine.bound is not None
 
     @property
     def gear_model(self) -> Model:
-        """The model with its parameters. Raises SurveyError for a survey with a third axis: each slice has a model."""
+        """The model with its parameters. Raises SurveyError if there is a third axis: each slice has its own model."""
         if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
         return with_harmonics(model_of(**self.others), self.harmonics)
@@ -336,12 +345,12 @@ class SurveyRequest(_Numbers):
 
     @property
     def others(self) -> dict[str, Any]:
-        """β and the parameters that the model adds, by name: numbers, one of them perhaps an axis."""
+        """β and the parameters that the model adds, by name. Each is a number, or the third axis."""
         return {each.name: getattr(self, each.name) for each in MODELS[self.model].parameters()}
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters of the model beside δ, ε and β, by name; an axis is represented by its end."""
+        """Parameters that the model adds to δ, ε and β, by name; for a third axis its last value."""
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.others.items()
@@ -366,16 +375,16 @@ class SurveyRequest(_Numbers):
 
     @property
     def n_slices(self) -> int:
-        """Number of slices along the third axis, 1 without one."""
+        """Number of slices along the third axis; 1 without a third axis."""
         return math.prod(axis.num for axis in self.third_axis.values())
 
     @property
     def slices(self) -> "dict[Along, SurveyRequest]":
-        """Slices by their index along the third axis, as surveys; the survey itself at () without a third axis."""
+        """The request for each slice, by its index along the third axis; without a third axis this request, at ()."""
         return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
 
     def along(self, number: int) -> Along:
-        """Return the index of a slice by its number, which is limited to the last slice.
+        """Return the index of a slice, given its number. Numbers beyond the last slice mean the last slice.
 
         Returns
         -------
@@ -385,7 +394,7 @@ class SurveyRequest(_Numbers):
         return (min(number, self.n_slices - 1),) if self.third else ()
 
     def at(self, place: Along) -> "SurveyRequest":
-        """Return a slice as a survey, with the sample, slots and tiles of the whole survey."""
+        """Return the request for one slice alone, with the initial conditions and tiles of the whole survey."""
         if not place:
             return self
         values = {name: float(axis.values()[place[0]]) for name, axis in self.third_axis.items()}
@@ -412,7 +421,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def slots_follow_families(self) -> bool:
-        """True if an attractor's slot is that of its family, once families are joined."""
+        """True if all attractors of a family have the same slot, once the families are joined."""
         return (self.slots_by or BY_FAMILY) == BY_FAMILY and Group.FAMILIES in self.quantities
 
     @property
@@ -454,7 +463,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def samples_per_cell(self) -> int:
-        """Number of states that a cell follows: those of the sample, or the larger number that basins cost."""
+        """Number of states that are followed for each cell: its initial conditions, or the states of its basins."""
         samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
         return max(samples, BASIN_SAMPLES) if Group.BASINS in self.quantities else samples
 
@@ -465,7 +474,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def tile_grid(self) -> tuple[int, int]:
-        """Numbers of tiles along (epsilon, delta); rows of all slices, one slice after the other."""
+        """Numbers of tiles along (epsilon, delta). The rows of all slices are counted, one slice after the other."""
         rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
         return rows * self.n_slices, columns
 

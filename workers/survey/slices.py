@@ -1,4 +1,4 @@
-"""An open survey with a third axis: choose a slice, and find its model."""
+"""Choose a slice of an opened survey with a third axis, and find the slice's model."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ def require_slice(third: Mapping[str, int], number: int | None) -> None:
 
 
 def third_of(dataset: xr.Dataset) -> dict[str, int]:
-    """Return the length of the third axis of an open survey by its name, if it has one."""
+    """Return the length of an open survey's third axis, by the axis' name; empty without a third axis."""
     return {name: dataset.sizes[name] for name in FIXED if name in dataset.sizes}
 
 
 def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
-    """Return a slice of an open survey, or the survey if it has no third axis. Raises SurveyError without a number."""
+    """Return a slice of an open survey, or the survey itself if it has no third axis. Raises SurveyError."""
     third = third_of(dataset)
     require_slice(third, number)
     return dataset.isel(dict.fromkeys(third, number))
 
 
 def group_in(number: int | None, group: str) -> str:
-    """Return the path of a group of a slice, or with None of a survey without a third axis."""
+    """Return the path of a group. number: its slice, or None for a survey without a third axis."""
     return group_path(() if number is None else (number,), group)
 
 
 def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
-    """Yield the slices of an open survey; itself if it has no third axis."""
+    """Yield the slices of an open survey, or the survey itself if it has no third axis."""
     third = third_of(dataset)
     for name, length in third.items():
         yield from (dataset.isel({name: number}) for number in range(length))
@@ -71,14 +71,14 @@ def value_along(dataset: xr.Dataset) -> dict[str, float]:
 
 
 def surveyed_model(dataset: xr.Dataset) -> Model:
-    """Return the model of an open survey without a third axis, or of a slice.
+    """Return the model of an open survey without a third axis, or of one slice.
 
-    The oldest surveys do not name their model, and have parameters as attributes only.
+    The oldest stores do not name their model, and have the model's parameters as attributes instead of coordinates.
 
     Returns
     -------
     Model
-        With its parameters and harmonics.
+        The model with its parameters and harmonics.
 
     Raises
     ------

@@ -34,9 +34,9 @@ from rattle.models import MODELS
 
 #: Every chunk ends in a checksum, so that readers fail on a damaged chunk instead of showing wrong numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())
-#: Every chunk has a file, so that a lost chunk differs from one with fill values only.
+#: Every chunk has a file, even if it has fill values only, so that a missing file is a lost chunk.
 WHOLE: Any = {"write_empty_chunks": True}
-#: Without white space the root, which is read whenever a survey is opened, has a third fewer bytes.
+#: JSON without white space: the root, which is read whenever a survey is opened, becomes a third smaller.
 COMPACT = {"json_indent": None}
 
 
@@ -44,9 +44,10 @@ Template = dict[str, bytes]  # content of every file of a store without tiles, b
 
 
 def template_of(request: SurveyRequest, created: str | None = None) -> Template:
-    """Return the files of a survey's store before its first tile; the date of its creation is now by default.
+    """Return the files of a survey's store before its first tile. created: date of its creation, by default now.
 
-    Metadata is consolidated here and chunks never change it, so a running survey can be opened from disk and over HTTP.
+    The root already has all metadata, which chunks never change, so a running survey can be opened from disk and over
+    HTTP.
 
     Returns
     -------
@@ -66,7 +67,7 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
 
 
 def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
-    """Return a store in memory as a template, with its metadata consolidated and its manifest.
+    """Consolidate the metadata of a store in memory, add a manifest, and return all files as a template.
 
     Parameters
     ----------
@@ -89,9 +90,7 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
 
 
 def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return empty arrays of a tile in memory: their files, the arrays, and the patterns of the chunks' keys.
-
-    A tile is encoded with these, independent of the metadata of a store on disk.
+    """Create empty arrays in memory, with which tiles are encoded without reading the metadata of the store.
 
     Returns
     -------
@@ -106,7 +105,7 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
 
 
 def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Return patterns of each variable's chunk keys, with {row} and {column}, and {slice} if there is a third axis."""
+    """Return the pattern of each variable's chunk keys, with {row}, {column}, and {slice} if there is a third axis."""
     first = ["c", *(SLICE for _ in request.third_axis)]
     return {
         quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
@@ -116,12 +115,15 @@ def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str,
 
 
 def contents(kept: Mapping[str, Buffer]) -> Template:
-    """Return the bytes of buffers, by key."""
+    """Return the bytes of all buffers of a store in memory, by key."""
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
 def consolidate(store: StoreLike) -> None:
-    """Copy all metadata into the root's: without that, an HTTP open gives an empty dataset and no error."""
+    """Copy the metadata of all arrays and groups into the root.
+
+    Without this copy, opening the store over HTTP gives an empty dataset and no error.
+    """
     with warnings.catch_warnings(), zarr.config.set(COMPACT):
         # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
         warnings.simplefilter("ignore", ZarrUserWarning)
@@ -158,16 +160,16 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return the numbers of the machine, and the names of auxiliary coordinates, as CF wants them in the root."""
+    """Return attributes for a machine's numbers, and the names of auxiliary coordinates, which CF wants in the root."""
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [*(name for name in fixed(request) if name != request.third), *(AXES if machine else ())]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
 
 
 def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
-    """Return the parameters that all cells of a slice share, with their descriptions.
+    """Return the parameters that all cells of a slice share, each with its description.
 
-    They are coordinates without a dimension, except for a third axis.
+    In the store they are coordinates without a dimension, except for a third axis.
 
     Returns
     -------
@@ -178,7 +180,7 @@ def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return the model, its parameters that are numbers, and its harmonics; NetCDF cannot hold null."""
+    """Return attributes for the model, its numbers and its harmonics, without empty ones: NetCDF cannot hold null."""
     numbers = {name: value for name, value in request.others.items() if isinstance(value, float)}
     harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
     return {"model": str(request.model), **numbers, **harmonics}
@@ -244,7 +246,7 @@ def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantit
 
 
 def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Group:
-    """Create the group for curves and families of a slice, once; return the root itself without a third axis."""
+    """Create the group for a slice's curves and families; return the root if the survey has no third axis."""
     if not along:
         return root
     if SLICES not in root:
@@ -254,7 +256,7 @@ def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Gro
 
 
 def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
-    """Write the curves and codimension-two points of this β as groups beside the survey."""
+    """Write the curves and codimension-two points of a plane as groups of its store."""
     window = window_around(request.delta.values(), request.epsilon.values())
     attributes = {
         "long_name": "bifurcation curves of the period-one motions, a group each",
@@ -278,14 +280,14 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
-    """Write the arrays of variables and their attributes to a group."""
+    """Write variables with their attributes to a group. item: the object from which they take their values."""
     for variable in (part for each in variables for part in each.parts):
         write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
 
 
 def write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
-    """Write a whole array in one chunk, to which no tile writes."""
-    chunks = tuple(max(size, 1) for size in values.shape)  # a chunk of an empty array has a size too
+    """Write a whole array as one chunk; no tile writes to it."""
+    chunks = tuple(max(size, 1) for size in values.shape)  # zarr wants chunks of at least 1, also for an empty array
     group.create_array(
         name, data=values, chunks=chunks, compressors=CODECS, config=WHOLE, dimension_names=dims, attributes=attributes
     )

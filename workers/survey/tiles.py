@@ -1,4 +1,4 @@
-"""Tiles: the rectangles in which a survey is computed, each by a pure function."""
+"""Tiles: the rectangles of cells in which a survey is computed, each by a pure function."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -17,10 +17,10 @@ from gear_rattle.workers.survey.values.quantities import shape_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Quantity
 
 LONGEST_MESSAGE = 300
-POLL_SECONDS = 0.2  # between two checks of whether a run must stop
-GRACE_SECONDS = 2.0  # time for running tiles to end after a stop
+POLL_SECONDS = 0.2  # seconds between two checks whether a run must stop
+GRACE_SECONDS = 2.0  # seconds that running tiles have to end after a stop
 
-#: Failures of the machine, not of a cell: if they were stored, results would depend on the machine.
+#: Failures of the computer, not of a cell. They are never stored, because results must not depend on the computer.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
 FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
@@ -30,7 +30,11 @@ CellOutcome = TileArrays | str  # a cell's values, or the reason why there are n
 
 @dataclass(frozen=True)
 class Tile:
-    """A rectangle of cells, a chunk of every variable; index counts along δ first, then ε, then a third axis."""
+    """A rectangle of cells, which is a chunk of every variable.
+
+    index: the number of the tile, counted along δ first, then along ε, then along a third axis. delta, epsilon: its
+    spans in the grid. along: the index of its slice. rounds: rounds of audits after the first one, of a refined survey.
+    """
 
     index: int
     delta: slice
@@ -56,16 +60,16 @@ class Tile:
 
 @dataclass(frozen=True)
 class TileRecord:
-    """Result of a tile. Rows of failed cells are numbered from the grid's first, through all slices."""
+    """Result of a tile. failed_cells: their rows are counted through all slices."""
 
     index: int
     cells: int
     failed_cells: tuple[FailedCell, ...]
     undecided_cells: int
     seconds: float
-    impacts: int = 0  # impacts on one wall of all samples; 0 if none were followed, or if cells ran in another process
+    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if cells were computed in another process
     filled_cells: int = 0  # cells of a refined tile that were not computed
-    files: dict[str, str] = field(default_factory=dict, compare=False)  # digests of its chunks, once it is written
+    files: dict[str, str] = field(default_factory=dict, compare=False)  # digests of its written chunks, by key
 
 
 def tiles_of(request: SurveyRequest) -> list[Tile]:
@@ -84,7 +88,7 @@ def tiles_at(request: SurveyRequest, along: Along) -> list[Tile]:
 
 
 def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
-    """Return the cells of a tile, or without a tile the whole grid of a survey without a third axis."""
+    """Return the cells of a tile. Without a tile, return all cells of a survey without a third axis."""
     request = request if tile is None else request.at(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
     return Cells(
@@ -102,14 +106,14 @@ def compute_tile(
 ) -> tuple[TileArrays, TileRecord]:
     """Compute every per-cell variable of a tile.
 
-    A pure function of the request and the cells: values do not depend on the shape or order of tiles. A cell that fails
-    has status 3, fill values elsewhere, and its message in the record; its neighbours are unaffected. All cells of a
-    refined tile are computed if one of them fails, or if outcomes are given.
+    Values are a pure function of the request and the cell; they do not depend on the shape or order of tiles. A cell
+    that fails has status 3, fill values in all other variables, and a message in the record; its neighbours are
+    unaffected. If a cell of a refined tile fails, or if outcomes are given, all its cells are computed.
 
     Parameters
     ----------
     outcomes : Iterable[CellOutcome] | None
-        Outcomes of the cells, row by row, if they are computed elsewhere.
+        The outcome of each cell, row by row, if the cells are computed elsewhere, for example in another process.
 
     Returns
     -------
@@ -128,7 +132,7 @@ def compute_tile(
             impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
         except MACHINE_FAILURES:
             raise
-        except Exception:  # an error of the model is the result of that cell
+        except Exception:  # the model failed in some cell: compute the cells one by one to find out which
             arrays, failed = _gather(request, cells, cell_outcomes(request, tile))
     first_row = sum(tile.along) * request.shape[0] + tile.epsilon.start
     record = TileRecord(
@@ -146,9 +150,10 @@ def compute_tile(
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.at(tile.along))
-    # curves that are not known in closed form take minutes
+    # Curves of a model without closed form take minutes to trace, so its tiles do without.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    # A bound combines the audits of all slices, so each slice has its own draws; without a bound a slice is a survey.
+    # A bound combines the audits of all slices, so each slice draws other cells. Without a bound, a slice has the same
+    # draws, and so the same values, as a survey of its plane alone.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
     plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
@@ -177,12 +182,12 @@ def cell_outcomes(
     Parameters
     ----------
     failing : tuple[type[Exception], ...]
-        Failures of the machine that count as failures of a cell here.
+        Failures of the computer that are to count as failures of a cell.
 
     Yields
     ------
     CellOutcome
-        Values of a cell, or the message of its failure.
+        A cell's values, or the message of its failure.
     """
     cells = cells_of_tile(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
@@ -215,7 +220,7 @@ def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
 
 
 def described(request: SurveyRequest, tile: Tile) -> str:
-    """Return the name of a tile in messages."""
+    """Return the name of a tile for messages: its number, and its ranges of δ and ε."""
     delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
     third = "".join(f", {name} {getattr(request.at(tile.along), name)}" for name in request.third_axis)
     return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]}{third})"

@@ -1,4 +1,4 @@
-"""Identify the code that fills a survey: a resumed survey must not mix two versions."""
+"""Identify the code that computes a survey, because a resumed survey must not mix numbers of two versions."""
 
 from functools import cache
 from hashlib import sha256
@@ -18,7 +18,7 @@ def code_version() -> str:
     Returns
     -------
     str
-        Such as "1.0+0123456789abcdef", with 16 hexadecimal digits.
+        For example "1.0+0123456789abcdef": the version, and 16 hexadecimal digits of the digest.
     """
     digest = sha256(rattle.source_hash().encode())
     for folder in FOLDERS:

@@ -1,1 +1,1 @@
-"""One file per revision, in order of their numbers."""
+"""The revisions of the schema, one file each, in the order of their numbers."""

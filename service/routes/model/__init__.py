@@ -1,1 +1,1 @@
-"""Routes about the model, without a survey: points, curves, basins, machines."""
+"""The routes that need no survey: parameter points, curves, basins, machines."""

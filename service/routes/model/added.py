@@ -1,4 +1,4 @@
-"""Parameters that models add to δ, ε and β, in queries and answers."""
+"""The parameters that models add to δ, ε and β, in queries and in answers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
-    """Return the type of a query parameter for a number that a model adds."""
+    """Return the type of the query parameter for a number that a model adds. otherwise: the model without it."""
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
@@ -28,7 +28,7 @@ def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = 
 
 
 def machine_texts() -> dict[str, str]:
-    """Return descriptions of the machine's numbers from which models' parameters follow, by name."""
+    """Return descriptions of the numbers of a machine that select a model, by name."""
     return {
         each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
         for name, each in ADDED.items()
@@ -37,17 +37,17 @@ def machine_texts() -> dict[str, str]:
 
 
 def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
-    """Give a route further query parameters, each None by default; the route gets them as keywords.
+    """Give a route further query parameters, which are None by default. The route gets them as keyword arguments.
 
     Parameters
     ----------
     after : dict of str to dict
-        For each of the route's own parameters, the types of the further ones that come after it, by name.
+        For some of the route's own parameters, by name: the types of the parameters to add after it, by name.
 
     Returns
     -------
     Callable[[Route], Route]
-        A decorator.
+        A decorator of the route.
     """
 
     def change(route: Route) -> Route:
@@ -66,7 +66,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
 
 
 def with_fields(base: type[BaseModel]) -> Any:
-    """Return a subclass with a field for each parameter that a model adds, after the fields of the class."""
+    """Return a subclass of a document with a further field for each parameter that a model adds."""
     fields: dict[str, Any] = {
         name: (float | None, Field(description=f"{each.described}; null: the {DEFAULT_MODEL} model"))
         for name, each in ADDED.items()
@@ -75,5 +75,5 @@ def with_fields(base: type[BaseModel]) -> Any:
 
 
 def added_document(numbers: dict[str, float]) -> dict[str, float | None]:
-    """Return those fields, with null for parameters that a model does not have."""
+    """Return the fields that `with_fields` adds, with None for parameters that the model does not have."""
     return {name: numbers.get(name) for name in ADDED}

@@ -43,10 +43,10 @@ async def basins(
         float | None, Query(gt=0, allow_inf_nan=False, description="largest speed; by default as in the paper")
     ] = None,
 ) -> Response:
-    """Draw the basins of a point, or of a machine in SI units, over phases and the model's speeds.
+    """Draw the basins of a point, or of a machine in SI units, over phase and speed in the model's units.
 
-    Each cell is followed on its own, as in Figure 4 of the paper; the white line is the grazing curve Γ (impacting
-    model).
+    Each point of the picture is followed as an initial condition, as in Figure 4 of the paper. The white line is the
+    grazing curve Γ (impacting model).
     """
     speeds = v_min, highest_speed(place.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
@@ -54,7 +54,9 @@ async def basins(
             raise LimitError(f"query.{name}_min", f"{name}_min must be less than {name}_max, which is {high:g}.")
     limit = front.settings.max_basin_resolution
     if resolution > limit:
-        raise LimitError("query.resolution", f"resolution may be at most {limit} here; use the command rattle figure.")
+        raise LimitError(
+            "query.resolution", f"resolution may be at most {limit:,}. For more, use the command rattle figure."
+        )
     png = await in_turn(
         front,
         _draw,
@@ -64,13 +66,13 @@ async def basins(
         speeds,
         model=model_at(place.gear).name,
         what="The basins",
-        advice="Ask for fewer cells a side (resolution), or at a larger δ: a motion settles in some 1/δ periods.",
+        advice="Request a lower resolution, or a larger δ: transients last for some 1/δ forcing periods.",
     )
     return Response(png, media_type=PNG, headers=dict(response.headers))
 
 
 def highest_speed(gear: AnyGear) -> float:
-    """Return the upper end of the speeds that are shown by default."""
+    """Return the largest speed that is shown by default."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 

@@ -1,4 +1,4 @@
-"""Intensities of the motions of one parameter point."""
+"""Compute how hard the attractors of one parameter point rattle."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """95 % half-widths of the fields of the same name: 0 where they are exact, null if undecided."""
+    """Half-widths of the 95 % intervals of the fields with the same names; 0: exact, null: undecided."""
 
     impacts_plus: float | None
     impacts_minus: float | None
@@ -45,18 +45,18 @@ class ErrorsDocument(BaseModel):
 class InSI(BaseModel):
     """Intensities of a machine in SI units."""
 
-    impacts: float | None = Field(description="a second, on both walls")
+    impacts: float | None = Field(description="impacts per second, on both walls together")
     mean_velocity: float | None = Field(description="m/s along the line of action")
     largest_velocity: float | None = Field(description="m/s along the line of action")
-    energy: float | None = Field(description="J a revolution")
-    power: float | None = Field(description="W, which the impacts hand over")
-    power_error: float | None = Field(description="W, its 95 % half-width")
+    energy: float | None = Field(description="J per revolution")
+    power: float | None = Field(description="mean power of the impacts, W")
+    power_error: float | None = Field(description="half-width of the 95 % interval of the power, W")
     level: float | None = Field(description="dB relative to 1 pW; null if quiet or undecided")
     contact: float | None = Field(description="share of the time in contact")
 
 
 class RattlingDocument(BaseModel):
-    """Intensity of an attractor per forcing period; null if undecided."""
+    """The intensity of an attractor, per forcing period. Fields are null if the attractor is undecided."""
 
     kind: str = Field(description="quiet, periodic, chaotic or undecided")
     m: int
@@ -71,13 +71,13 @@ class RattlingDocument(BaseModel):
     energy: float | None = Field(description="sum of v²/2")
     level: float | None = Field(description="energy in dB relative to 2π²δ², that of A and C; null if quiet")
     contact: float | None = Field(description="share of the time in contact")
-    impulse: float | None = Field(description="2πδ in every motion that lasts, 2πδ(1 + load) with a load: an audit")
+    impulse: float | None = Field(description="check of the computation: 2πδ(1 + load) for every lasting motion")
     errors: ErrorsDocument
     si: InSI | None = Field(description="null unless a machine was given")
 
 
 class IntensitiesDocument(PointDocument):
-    """Intensities of the attractors of one parameter point, by falling fraction."""
+    """The intensities of the attractors of one parameter point, by falling basin fraction."""
 
     attractors: list[RattlingDocument]
 
@@ -96,9 +96,9 @@ async def intensity(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> IntensitiesDocument:
-    """Return the intensities for a point, or for a machine in SI units.
+    """Return the intensities of the attractors of a point, or of a machine in SI units.
 
-    Periodic motions are exact, chaotic ones have error bars.
+    Values of periodic motions are exact; values of chaotic motions have error bars.
     """
     require_few(front, count)
     found = await in_turn(
@@ -111,7 +111,7 @@ async def intensity(
         budget,
         model=model_at(place.gear).name,
         what="The intensities",
-        advice="Ask for fewer initial conditions (count), or submit a survey.",
+        advice="Request fewer initial conditions (count), or submit a survey.",
     )
     return IntensitiesDocument(**point_document(place.gear), attractors=[_rattling(place, *each) for each in found])
 

@@ -1,4 +1,4 @@
-"""A machine, two gears in SI units, as a parameter point, with the units of the model."""
+"""Convert a machine, two gears in SI units, to a parameter point of the model, with the sizes of the model's units."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 def positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
-    """Return the type of a query parameter that is positive, or with `zero` not negative."""
+    """Return the type of a query parameter that must be positive; with `zero`, it may also be 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
@@ -37,27 +37,27 @@ def positive_query(description: str, example: float | None = None, *, zero: bool
 
 MOST_HARMONICS = 64
 LINE = "m along the line of action"
-INERTIA = "kg m², of each of two equal gears with what turns with it, or of the first of two"
+INERTIA = "kg m², of each of two equal gears with its shaft, or of the first of two unlike gears"
 DRAG = "N m s/rad: the drag torque of each gear over its speed"
 ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
-DRIVE = "torque: a constant one on one gear; speed: that of one imposed"
+DRIVE = "torque: a constant torque on one gear; speed: an imposed speed of one gear"
 Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
 #: Numbers of a second gear, and parts of the transmission error.
 SECOND = {
-    "driven_inertia": "kg m², of the second gear; by default that of the first",
-    "driven_drag": "N m s/rad, of the second gear; by default that of the first",
-    "driven_radius": "m, of the second gear's base circle; by default by the tooth numbers",
+    "driven_inertia": "kg m², of the second gear; by default equal to the first gear's",
+    "driven_drag": "N m s/rad, of the second gear; by default equal to the first gear's",
+    "driven_radius": "m, of the second gear's base circle; by default from the tooth numbers",
     "teeth": "tooth number of the first gear",
     "driven_teeth": "tooth number of the second gear",
     "driven_eccentricity": f"{LINE}: the transmission error once a revolution of the second gear",
     "mesh_error": f"{LINE}: the transmission error once a tooth",
-    "mesh_error_2": f"{LINE}: twice a tooth",
-    "mesh_error_3": f"{LINE}: three times a tooth",
+    "mesh_error_2": f"{LINE}: the transmission error twice a tooth",
+    "mesh_error_3": f"{LINE}: the transmission error three times a tooth",
 }
 #: Optional numbers of a machine that must be positive.
 OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
 Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS)]
-#: Parameters that models add, and the numbers of a machine from which they follow, after the common numbers.
+#: Query parameters to add after `beta` (parameters that models add) and after `drive` (further numbers of a machine).
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
     "drive": {
@@ -78,7 +78,7 @@ async def machine_of_query(
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """Return the machine of the query. Raises ParameterError for numbers that must be in other units."""
+    """Return the machine that the query describes. Raises ParameterError for numbers that seem to be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
 
 
@@ -92,13 +92,13 @@ async def measured_machine_of_query(
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """Return the machine of the query without eccentricity, which a measured curve contains. Raises ParameterError."""
+    """Return the machine of a query without eccentricity, for a measured transmission error. Raises ParameterError."""
     return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **making)
 
 
 @dataclass(frozen=True)
 class Place:
-    """A parameter point, and its machine if one was given."""
+    """A requested parameter point, with its machine if the request describes a machine."""
 
     gear: AnyGear
     machine: Machine | None
@@ -119,7 +119,20 @@ async def place_of_query(
     harmonic: Harmonics = (),
     **more: float | None,
 ) -> Place:
-    """Return the point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
+    """Return the point that the query describes, by dimensionless numbers or by a machine's.
+
+    Returns
+    -------
+    Place
+        The point, with its machine.
+
+    Raises
+    ------
+    ParameterError
+        A number is wrong, or both kinds of numbers are given.
+    RequestValidationError
+        A number is missing.
+    """
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
     needed["rpm"] = rpm
     plain: dict[str, Any] = {"delta": delta, "epsilon": epsilon}
@@ -133,14 +146,17 @@ async def place_of_query(
     plain |= {"beta": beta, **added, "harmonic": harmonic or None}
     both = [name for name, value in plain.items() if value is not None]
     if both:
-        raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give one")
+        raise ParameterError(
+            f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give only dimensionless "
+            "numbers, or only a machine's numbers"
+        )
     numbers: dict[str, Any] = {**_all_of(needed), **making}
     machine = Machine(**numbers, drive=drive or "torque")
     return Place(machine.gear, machine)
 
 
 def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
-    """Return these numbers. Raises RequestValidationError for a missing one, as for other query parameters."""
+    """Require that all numbers are given. Raises RequestValidationError, like FastAPI for a missing query parameter."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
@@ -158,15 +174,15 @@ MeasuredMachineQuery = Annotated[Machine, Depends(measured_machine_of_query)]
 
 
 class UnitsDocument(BaseModel):
-    """Sizes of the units of the model in SI, by which to multiply; null if beyond double precision."""
+    """The sizes of the model's units in SI units. Multiply by them. Null if beyond double precision."""
 
-    length: float | None = Field(description="m, of Φ along the line of action")
-    time: float | None = Field(description="s, a forcing period: a revolution")
-    velocity: float | None = Field(description="m/s, along the line of action")
-    energy: float | None = Field(description="J, of v²/2")
-    power: float | None = Field(description="W, of v²/2 per forcing period")
-    force: float | None = Field(description="N, between the teeth")
-    frequency: float | None = Field(description="Hz, of orders")
+    length: float | None = Field(description="unit of Φ along the line of action, in m")
+    time: float | None = Field(description="forcing period, which is a revolution, in s")
+    velocity: float | None = Field(description="unit of speeds along the line of action, in m/s")
+    energy: float | None = Field(description="unit of v²/2, in J")
+    power: float | None = Field(description="unit of v²/2 per forcing period, in W")
+    force: float | None = Field(description="unit of forces between the teeth, in N")
+    frequency: float | None = Field(description="frequency of order 1, in Hz")
 
 
 class _PlainMachine(BaseModel):
@@ -182,13 +198,13 @@ else:
 
 
 class MachineDocument(_Numbers):
-    """A machine, two gears, as a parameter point, and back."""
+    """A machine, two gears, as a parameter point, with the units for converting results back."""
 
     units: UnitsDocument
     harmonics: list[tuple[int, float, float]] = Field(description="order, amplitude over the first, phase in turns")
     revolutions: float = Field(description="revolutions of the first gear in a forcing period")
-    rate_error: float | None = Field(description="share of the driving force that one rate leaves out; 0: exact")
-    quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
+    rate_error: float | None = Field(description="relative error of describing both gears by one damping; 0: exact")
+    quiet_limit: float | None = Field(description="eccentricity in m above which quiet running is impossible")
 
 
 @router.get(
@@ -198,9 +214,9 @@ class MachineDocument(_Numbers):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: MachineQuery) -> MachineDocument:
-    """Convert the numbers of a machine to the model; the second gear equals the first unless its own numbers are given.
+    """Convert the numbers of a machine to the model. By default the second gear equals the first.
 
-    Numbers that can only be in other units, such as millimetres, are refused with the unit to use.
+    Numbers that can only be in other units, such as millimetres, are refused; the message names the unit to use.
     """
     return machine_document(found)
 

@@ -1,4 +1,4 @@
-"""A notebook of one parameter point for download."""
+"""Download a Jupyter notebook that computes what the explorer shows of a parameter point."""
 
 from __future__ import annotations
 
@@ -29,21 +29,22 @@ IPYNB = "application/x-ipynb+json"
 async def notebook(
     place: PlaceQuery,
     response: Response,
-    direction: Annotated[Literal["epsilon", "delta"], Query(description="of the diagram")] = "epsilon",
+    direction: Annotated[Literal["epsilon", "delta"], Query(description="axis of the diagram")] = "epsilon",
     span: Annotated[
-        float | None, Query(ge=LEAST_SPAN, le=MOST_SPAN, description="of the diagram either way; by default as usual")
+        float | None,
+        Query(ge=LEAST_SPAN, le=MOST_SPAN, description="extent of the diagram on either side of the point"),
     ] = None,
     to_delta: Annotated[
-        float | None, positive_query("the diagram goes from the point to this damping instead …")
+        float | None, positive_query("damping at the end of a diagram that begins at the point; needs to_epsilon")
     ] = None,
-    to_epsilon: Annotated[float | None, positive_query("… and this eccentricity", zero=True)] = None,
+    to_epsilon: Annotated[float | None, positive_query("eccentricity at its end; needs to_delta", zero=True)] = None,
 ) -> Response:
-    """Write a notebook of a point, or of a machine in SI units, whose cells compute attractors, basins and a diagram.
+    """Return a notebook for a point, or for a machine in SI units. Its cells compute attractors, basins and a diagram.
 
-    The service computes nothing for it.
+    The service itself computes nothing.
     """
     if (to_delta is None) != (to_epsilon is None):
-        raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or none")
+        raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or neither of both")
     to = None if to_delta is None or to_epsilon is None else (to_delta, to_epsilon)
     gear = place.gear
     found = notebook_of(gear, place.machine, diagram_ends(gear, direction, span, to))

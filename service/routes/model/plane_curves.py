@@ -1,4 +1,4 @@
-"""The bifurcation curves of the (δ, ε) plane of one half-backlash."""
+"""Compute the bifurcation curves in the (δ, ε) plane of one half-backlash."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class RectangleDocument(BaseModel):
 class EndDocument(BaseModel):
     """An end of a piece of a curve."""
 
-    index: int = Field(description="of its point")
-    reason: str = Field(description="why the curve ends there; `window: …` where it goes on")
+    index: int = Field(description="index of the last point")
+    reason: str = Field(description="why the curve ends there; `window: …` if it only leaves the window")
 
 
 class CurveDocument(BaseModel):
@@ -49,9 +49,11 @@ class CurveDocument(BaseModel):
     delta: list[float] = Field(description="damping")
     epsilon: list[float] = Field(description="eccentricity")
     tau: list[float] = Field(description="phase of the departure from the positive wall, in forcing periods")
-    v: list[float] = Field(description="speed of it")
-    multipliers: list[tuple[Multiplier, Multiplier]] = Field(description="where it grazes, without the square root")
-    arclength: list[float] = Field(description="along the curve in the plane, from the start of the piece")
+    v: list[float] = Field(description="speed of the departure")
+    multipliers: list[tuple[Multiplier, Multiplier]] = Field(
+        description="Floquet multipliers; on grazing curves without the square-root singularity"
+    )
+    arclength: list[float] = Field(description="length along the curve in the plane, from the start of the piece")
     piece: list[int] = Field(description="number of the connected piece")
     folds: list[int] = Field(description="indices of the points where delta turns back")
     ends: list[EndDocument]
@@ -59,7 +61,7 @@ class CurveDocument(BaseModel):
 
 
 class Tangency(BaseModel):
-    """The way in which two curves meet at a point."""
+    """How two curves meet at a point."""
 
     curves: tuple[str, str]
     order: float | None = Field(
@@ -74,7 +76,7 @@ class CurvePointDocument(BaseModel):
     meaning: str
     delta: float
     epsilon: float
-    curves: list[str] = Field(description="those that meet there")
+    curves: list[str] = Field(description="names of the curves that meet there")
     tangency: list[Tangency]
 
 
@@ -113,7 +115,7 @@ async def curves(
     harmonic: Harmonics = (),
     **added: float | None,
 ) -> Curves:
-    """Return the bifurcation curves in a window; a curve that does not cross the window has no points."""
+    """Return the bifurcation curves in a window. A curve that does not cross the window has no points."""
     window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
     for name, (low, high) in window.items():
         if not low < high:
@@ -128,7 +130,7 @@ async def curves(
         window["epsilon"],
         model=model.name,
         what="The curves",
-        advice="Ask for a smaller window.",
+        advice="Request a smaller window.",
     )
     numbers: dict[str, Any] = added_document(model.numbers)
     return Curves(beta=beta, **numbers, window=RectangleDocument(**window), **found)

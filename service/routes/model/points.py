@@ -1,4 +1,4 @@
-"""Orbits and attractors of one parameter point."""
+"""Compute the orbits and the attractors of one parameter point."""
 
 from __future__ import annotations
 
@@ -33,14 +33,18 @@ SampledSpeed = Annotated[
 
 
 SampleCount = Annotated[int, Query(ge=1, description="initial conditions", examples=[16])]
-MostImpacts = Annotated[int, Query(ge=1, le=LARGEST_BUDGET, description="most impacts on Σ⁺ of one")]
+MostImpacts = Annotated[
+    int, Query(ge=1, le=LARGEST_BUDGET, description="impacts on Σ⁺ after which an initial condition is undecided")
+]
 SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
 
 
 def require_few(front: Front, count: int) -> None:
-    """Raise LimitError for more initial conditions than this service allows for one point."""
+    """Raise LimitError if a point has more initial conditions than this service allows."""
     if count > front.settings.max_point_count:
-        raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
+        raise LimitError(
+            "query.count", f"count may be at most {front.settings.max_point_count:,}. For more, submit a survey."
+        )
 
 
 class _Plain(BaseModel):
@@ -48,7 +52,8 @@ class _Plain(BaseModel):
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
     harmonics: list[tuple[int, float, float]] = Field(
-        default=[], description="of the forcing beside the first: order, amplitude over that of the first, phase"
+        default=[],
+        description="further harmonics of the forcing: order, amplitude divided by that of the first, phase in turns",
     )
 
 
@@ -72,7 +77,7 @@ class Multiplier(BaseModel):
 class OrbitDocument(BaseModel):
     """An admissible period-one orbit."""
 
-    name: str = Field(description="A, B, C or D; P: one of another model that has no counterpart")
+    name: str = Field(description="A, B, C or D; P: an orbit of another model that corresponds to none of these")
     m: int = Field(description="forcing periods")
     n_plus: int = Field(description="impacts on the positive wall, or contacts")
     n_minus: int = Field(description="impacts on the negative wall, or contacts")
@@ -86,35 +91,35 @@ class MissingLimitDocument(BaseModel):
     """A limit that does not exist at this damping, and what happens instead."""
 
     limit: Literal["sn1", "flip"]
-    reason: str = Field(description="such as: none at this damping: C ends in grazing G1")
-    epsilon: float | None = Field(description="where that happens; null if at no eccentricity")
+    reason: str = Field(description="what happens instead, such as: none at this damping: C ends in grazing G1")
+    epsilon: float | None = Field(description="eccentricity at which that happens; null if at no eccentricity")
 
 
 class OrbitsInSI(BaseModel):
-    """Limits and speeds of a machine."""
+    """The limits and the orbits' speeds of a machine in SI units."""
 
-    sn1: float | None = Field(description="eccentricity in m, as are the other limits")
+    sn1: float | None = Field(description="eccentricity in m, like the other limits")
     flip: float | None
     quiet_limit: float | None
     missing: list[float | None] = Field(description="eccentricities in m of the missing limits, in their order")
-    velocities: list[float | None] = Field(description="of the departures of the orbits, m/s along the line of action")
+    velocities: list[float | None] = Field(description="speeds at the orbits' departures, m/s along the line of action")
 
 
 class OrbitsDocument(PointDocument):
     """Period-one orbits and analytic limits of one parameter point."""
 
     region: int | None = Field(
-        ge=1, lt=len(rattle.REGIONS), description="1…5 = I…V, more for another set of orbits; null with harmonics"
+        ge=1, lt=len(rattle.REGIONS), description="1 to 5: I to V; more: other sets of orbits; null with harmonics"
     )
     region_name: str | None = Field(
-        description="I…V, or the orbits that exist where they are another set, such as ABD; null with harmonics"
+        description="I…V, or the letters of the orbits that exist, such as ABD; null with harmonics"
     )
     sn1: float | None = Field(description="epsilon at which A and C are born; null where `missing` says why")
     flip: float | None = Field(description="epsilon at which C loses stability; null where `missing` says why")
-    quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
+    quiet_limit: float | None = Field(description="epsilon above which quiet running is impossible")
     missing: list[MissingLimitDocument] = Field(description="limits that are null, and what happens instead")
     orbits: list[OrbitDocument]
-    si: OrbitsInSI | None = Field(description="the same of a machine; null without one")
+    si: OrbitsInSI | None = Field(description="limits and speeds of a machine in SI units; null without a machine")
 
 
 class AttractorDocument(BaseModel):
@@ -124,11 +129,11 @@ class AttractorDocument(BaseModel):
     m: int
     n_plus: int
     n_minus: int
-    contacts: int = Field(description="contact phases in a period of the inelastic model; its multipliers are 0 then")
-    fraction: float = Field(description="0 of a stable orbit that exists and that no initial condition found")
+    contacts: int = Field(description="contact phases in a period (inelastic model); if any, both multipliers are 0")
+    fraction: float = Field(description="basin fraction; 0 for a stable orbit that no initial condition reached")
     fraction_interval: tuple[float, float] = Field(description="95 % Wilson interval")
     lyapunov: tuple[float | None, float | None] = Field(
-        description="per forcing period; null if not defined, and of -∞ with contact phases"
+        description="exponents per forcing period; null if not defined, or if -∞ because of contact phases"
     )
     lyapunov_error: float | None
     tau: float | None = Field(description="phase of a representative point")
@@ -136,7 +141,7 @@ class AttractorDocument(BaseModel):
 
 
 class Attractors(PointDocument):
-    """Attractors of one parameter point, by falling fraction."""
+    """The attractors of one parameter point, by falling basin fraction."""
 
     count: int
     v_max: float
@@ -152,7 +157,7 @@ class Attractors(PointDocument):
     responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
-    """Return the orbits for a point, or for a machine in SI units."""
+    """Return the period-one orbits of a point, or of a machine in SI units."""
     gear = place.gear
     model = model_at(gear)
     if model.in_closed_form:
@@ -200,7 +205,7 @@ async def attractors(
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Attractors:
-    """Return the attractors for a point, or for a machine in SI units."""
+    """Return the attractors of a point, or of a machine in SI units."""
     gear = place.gear
     require_few(front, count)
     found = await in_turn(
@@ -212,7 +217,7 @@ async def attractors(
         budget,
         model=model_at(gear).name,
         what="The attractors",
-        advice="Ask for fewer initial conditions (count), or submit a survey.",
+        advice="Request fewer initial conditions (count), or submit a survey.",
     )
     return Attractors(
         **point_document(gear),
@@ -225,7 +230,7 @@ async def attractors(
 
 
 def point_document(gear: AnyGear) -> dict[str, Any]:
-    """Return the fields of `PointDocument`."""
+    """Return the fields of `PointDocument` for a gear."""
     point = gear.parameters.point()
     plain: dict[str, Any] = {name: point[name] for name in ("delta", "epsilon", "beta")}
     return plain | added_document(point) | {"harmonics": list(gear.parameters.harmonics)}

@@ -1,4 +1,4 @@
-"""Destinations of given states of one parameter point."""
+"""Find the attractors to which given states of one parameter point go."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ from rattle.models import model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-MOST_STATES = 100  # the most states in one URL
+MOST_STATES = 100  # at most this many states in one URL
 Phase = Annotated[float, Field(allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class ReachedDocument(PointDocument):
-    """Destinations of states of one parameter point."""
+    """The attractors to which states of one parameter point go."""
 
     attractors: list[AttractorDocument] = Field(description="by falling share of these states")
     which: list[int] = Field(description="for each state, the number of its attractor in this list, from 0")
-    impacts: list[int] = Field(description="on the positive wall until that was certain; -1: chaotic or undecided")
+    impacts: list[int] = Field(
+        description="for each state, its impacts on the positive wall until its attractor was certain; -1: chaotic or "
+        "undecided"
+    )
 
 
 @router.get(
@@ -47,14 +50,17 @@ async def reached(
     v: Annotated[
         list[Speed],
         Query(
-            min_length=1, max_length=MOST_STATES, description="their speeds, one each or one", examples=[[0.1, 3.77]]
+            min_length=1,
+            max_length=MOST_STATES,
+            description="speeds of departures: one for each phase, or one for all",
+            examples=[[0.1, 3.77]],
         ),
     ],
 ) -> ReachedDocument:
-    """Return the destinations for a point, or a machine in SI units; tau and v are repeated, once for each state."""
+    """Return the attractors to which states go, for a point or a machine. Repeat tau and v for each state."""
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
-        raise LimitError("query.tau", f"there may be at most {limit} states here; use the library.")
+        raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use the library.")
     gear = place.gear
     found = await in_turn(
         front,
@@ -62,8 +68,8 @@ async def reached(
         tau,
         v,
         model=model_at(gear).name,
-        what="The ends of the states",
-        advice="Ask for fewer states.",
+        what="The attractors of the states",
+        advice="Request fewer states.",
     )
     return ReachedDocument(
         **point_document(gear),

@@ -1,4 +1,4 @@
-"""The verdict on a machine in one line: whether it rattles."""
+"""Answer whether a machine rattles, in one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.routes.model.machine import (
-    LINE,
     MachineDocument,
     MachineQuery,
     MeasuredMachineQuery,
@@ -40,24 +39,25 @@ class MeasuredDocument(BaseModel):
     """A measured transmission error by order."""
 
     harmonics: list[tuple[int, float, float]] = Field(description="order of the revolution, amplitude in m, phase")
-    left_out: float = Field(description="m, root mean square of what these orders leave out")
-    peak_to_peak: float = Field(description="m, of the measured curve")
+    left_out: float = Field(description="root mean square of the part of the curve that these orders leave out, m")
+    peak_to_peak: float = Field(description="peak-to-peak value of the measured curve, m")
     points: int
     revolutions: int
 
 
 class VerdictDocument(BaseModel):
-    """Verdict of a machine."""
+    """The verdict on a machine."""
 
     kind: Literal["quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles"]
     share: float = Field(description="share of the starts that end in rattling")
-    low: float = Field(description="of its 95 % interval; undecided starts count as either")
+    low: float = Field(description="lower end of its 95 % interval; undecided starts may count as either")
     high: float
     knock: float | None = Field(
-        description=f"least speed of a knock that makes resting teeth rattle, m/s, {LINE}; null: none up to `hardest`"
+        description="least speed of a knock that makes teeth in contact rattle, m/s along the line of action; null: no "
+        "knock up to `hardest` does"
     )
-    hardest: float | None = Field(description="m/s, the hardest knock that was tried")
-    text: str = Field(description="the same in one line")
+    hardest: float | None = Field(description="speed of the hardest knock that was tried, m/s")
+    text: str = Field(description="the verdict in one line")
     machine: MachineDocument
     measured: MeasuredDocument | None = Field(description="the measured transmission error; null without one")
 
@@ -105,7 +105,7 @@ async def verdict_of_measured(
 
 
 def _read(text: str, orders: int) -> TransmissionError:
-    """Return the curve of a table's text. Raises RattleError, without the name of the temporary file."""
+    """Read a transmission error from the text of a table. Raises RattleError without the temporary file's name."""
     with TemporaryDirectory() as directory:
         table = Path(directory, "curve.csv")
         table.write_text(text, encoding="utf-8")
@@ -126,7 +126,7 @@ async def _answer(
         seed,
         model=model_at(machine.gear).name,
         what="The verdict",
-        advice="Ask for fewer starts (count).",
+        advice="Request fewer initial conditions (count).",
     )
     return VerdictDocument(
         **found._asdict() | {"knock": json_number(found.knock), "hardest": json_number(found.hardest)},

@@ -271,7 +271,7 @@ def test_attractors_have_phases_that_mean_something(
     np.testing.assert_array_equal(np.isfinite(phases.values), periodic)
     found = colouring(phases, phases.block(), "auto", False)
     assert [each.label for each in found.shades] == ["no periodic attractor in this slot"]
-    assert "attractor 0, of those of a cell by falling share" in found.title
+    assert "attractor 0 of each cell, by falling share" in found.title
     many = np.ones((40, 50), np.float32)
     many[0, 0], many[1:3] = 144.0, 2.0
     same = MapBlock(np.linspace(0, 1, 50), np.linspace(0, 1, 40), many, np.ones(many.shape, np.int8), phases.box)

@@ -36,8 +36,8 @@ def test_a_survey_of_speeds_and_eccentricities(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "more", "message"),
     [
-        ({"rpm": None}, (), "give either --delta or a machine's --rpm"),
-        ({}, ("--epsilon", "0:0.1:3"), "give either --epsilon or a machine's --eccentricity"),
+        ({"rpm": None}, (), "give either --delta, or a machine with --rpm"),
+        ({}, ("--epsilon", "0:0.1:3"), "give either --epsilon, or a machine with --eccentricity"),
         ({"radius": None}, (), "machine.radius: is not given"),
         ({"radius": "50"}, (), "for 50 mm give 0.05"),
         ({"drive": "belt"}, (), "machine.drive"),

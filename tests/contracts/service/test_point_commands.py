@@ -145,7 +145,7 @@ def test_a_table_is_compared(tmp_path: Path) -> None:
     assert "P(4, 4, 2)" in timed
     assert float(re.findall(r"phase 0 at (\S+) s;", timed)[0]) % 0.02 == pytest.approx(0.0, abs=2e-6)
     path.write_text("time\n" + "\n".join(map(str, np.cumsum(np.random.default_rng(2).exponential(0.7, 200)))))
-    assert "The impacts are not those of this gear" in said("compare", str(path), "0.6", "0.089")
+    assert "The impacts do not fit this gear" in said("compare", str(path), "0.6", "0.089")
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,6 @@ def test_its_document_says_how_far_the_proofs_are(tmp_path: Path, monkeypatch: p
         wait_until(lambda: client.get(path).json()["state"] == "successful")
         assert client.get(path).json()["message"] == ""
     said = [each["message"] for each in shown]
-    assert said[1] == said[0] == "proves its periodic attractors: 0 of 1000 are through"
-    assert said[2] == "proves its periodic attractors: 500 of 1000 are through"
+    assert said[1] == said[0] == "proves its periodic attractors: 0 of 1000 have been tried"
+    assert said[2] == "proves its periodic attractors: 500 of 1000 have been tried"
     assert {each["state"] for each in shown} == {"running"}

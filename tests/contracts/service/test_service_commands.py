@@ -95,7 +95,9 @@ def test_what_cannot_be_printed_is_said_in_a_sentence() -> None:
     with Path("/dev/full").open("w") as full:
         refused = told("orbits", "0.6", "0.1", stdout=full)
     assert refused.returncode == 1
-    assert refused.stderr == "rattle: its output cannot be written: No space left on device\n"
+    assert refused.stderr == (
+        "rattle: the output cannot be written (No space left on device): free space, or write elsewhere\n"
+    )
 
 
 def test_no_path_resolves_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -201,7 +201,7 @@ def test_numbers_of_deleted_surveys_are_not_given_again(client: TestClient) -> N
 
 
 def test_a_data_directory_serves_one_server(tmp_path: Path) -> None:
-    with front_end(tmp_path), pytest.raises(DataDirectoryError, match="Another server"), front_end(tmp_path):
+    with front_end(tmp_path), pytest.raises(DataDirectoryError, match="Another service"), front_end(tmp_path):
         pass
 
 

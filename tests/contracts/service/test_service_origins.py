@@ -189,7 +189,7 @@ def test_a_page_of_an_origin_in_the_settings_reads_and_does_not_write(tmp_path: 
 
 @pytest.mark.parametrize("origin", ["*", "maps.example", "https://maps.example/path"])
 def test_an_origin_is_named_in_full(origin: str) -> None:
-    with pytest.raises(ValidationError, match="is no origin"):
+    with pytest.raises(ValidationError, match="is not an origin"):
         Settings(cors_origins=(origin,))
 
 
@@ -233,5 +233,5 @@ def test_websockets_are_refused_like_writes(
         with pytest.raises(WebSocketDisconnect) as refused, each.websocket_connect("/explorer", headers=headers):
             pass
         assert refused.value.code == 1008
-    assert "a websocket was refused: A page of another site may not write here" in caplog.text
+    assert "a websocket was refused: A page of another site may not change this service" in caplog.text
     assert "http://evil.example" in caplog.text

@@ -6,7 +6,7 @@ from collections.abc import Callable, Coroutine
 from anyio import Event, sleep_forever
 from waiting import HANG
 
-from gear_rattle.service.places import Places
+from gear_rattle.service.places import PriorityLimiter
 
 
 def run(body: Callable[[], Coroutine[None, None, None]]) -> None:
@@ -15,7 +15,7 @@ def run(body: Callable[[], Coroutine[None, None, None]]) -> None:
 
 def test_the_background_gives_way_and_begins_anew() -> None:
     async def body() -> None:
-        places, entered = Places(1), Event()
+        places, entered = PriorityLimiter(1), Event()
         begun: list[None] = []
 
         async def background() -> str:
@@ -39,7 +39,7 @@ def test_the_background_gives_way_and_begins_anew() -> None:
 
 def test_those_who_wait_come_before_the_background_however_late() -> None:
     async def body() -> None:
-        places = Places(1)
+        places = PriorityLimiter(1)
         order: list[str] = []
 
         async def one(name: str) -> None:
@@ -63,7 +63,7 @@ def test_those_who_wait_come_before_the_background_however_late() -> None:
 
 def test_who_is_given_up_while_waiting_holds_nothing_back() -> None:
     async def body() -> None:
-        places = Places(1)
+        places = PriorityLimiter(1)
 
         async def one() -> None:
             async with places.one():

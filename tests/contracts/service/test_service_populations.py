@@ -161,8 +161,8 @@ def test_what_a_population_costs_is_measured(client: TestClient) -> None:
         ({"gear": POPULATION["gear"] | {"beta": {"distribution": "normal", "mean": 0.6}}}, "body.gear.beta", ""),
         ({"gear": POPULATION["gear"] | {"restitution": LOSES}}, "body", "cut it off (high=1)"),
         ({"correlation": [[1.0, 0.5], [0.4, 1.0]]}, "body", "is symmetric"),
-        ({"count": 100}, "body.count", "this service allows 64"),
-        ({"gears": 2_000_000}, "body.gears", "this service allows 1000000"),
+        ({"count": 100}, "body.count", "limit of this service, 64."),
+        ({"gears": 2_000_000}, "body.gears", "limit of this service, 1,000,000."),
         ({"tiles": 3}, "body.tiles", ""),
     ],
 )

@@ -91,14 +91,14 @@ OVER_THE_LIMIT = [
     ({"delta__num": 101, "epsilon__num": 6, "tile": {}}, "600", "body.delta.num"),
     ({"delta__num": 20, "epsilon__num": 20, "tile": {"delta": 1, "epsilon": 1}}, "50", "body.tile"),
     ({"initial_conditions__count": 33}, "32", "body.initial_conditions.count"),
-    ({"delta__num": 24, "epsilon__num": 24, "initial_conditions__count": 8, "tile": {}}, "4000", "count"),
+    ({"delta__num": 24, "epsilon__num": 24, "initial_conditions__count": 8, "tile": {}}, "4,000", "count"),
     (
         {"delta__num": 12, "epsilon__num": 12, "initial_conditions__count": 16, "tile": {"delta": 12, "epsilon": 12}},
-        "2000",
+        "2,000",
         "tile",
     ),
     # A cell with basins follows 4096 states, whatever the sample.
-    ({"delta__num": 2, "epsilon__num": 2, "tile": {}, "quantities": ["region", "basins"]}, "4000", "body.quantities"),
+    ({"delta__num": 2, "epsilon__num": 2, "tile": {}, "quantities": ["region", "basins"]}, "4,000", "body.quantities"),
 ]
 
 

@@ -186,7 +186,7 @@ async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) 
         "The intensities": lambda: intensities(Gear(0.6, 0.1), 4, None, 0, 1000),
         "The curves": lambda: curves_document(Impacting(0.6), (0.7, 0.8), (0.0, 0.3)),
         "The basins": lambda: b"a picture",
-        "The ends of the states": lambda: Gear(0.6, 0.1).reached([0.2], [0.1]),
+        "The attractors of the states": lambda: Gear(0.6, 0.1).reached([0.2], [0.1]),
         "The cost": lambda: 0.01,
         "The verdict": lambda: Machine(0.003, 0.05, 100e-6, 15e-6, 0.05, rpm=3000.0, restitution=0.7).verdict(4),
         "The limits": lambda: [Limit(0.1, 0.05, 0.2)] * len(arguments[4] or [0.0]),

@@ -49,7 +49,7 @@ def test_what_was_asked_is_shown_and_counted(client: TestClient, running: str) -
 
 def test_all_slices_are_counted_against_the_limit(client: TestClient) -> None:
     answer = client.post("/v1/surveys", json=THIRD | {"beta": BETA | {"num": 5}})
-    assert_problem(answer, 422, "120 cells: this service allows 100")
+    assert_problem(answer, 422, "120 cells exceed the limit of this service, 100.")
     answer = client.post("/v1/surveys", json=THIRD | {"beta": BETA | {"start": 0.0}})
     assert_problem(answer, 422, "body.beta", "raise start (0.0) above 0")
     answer = client.post("/v1/surveys", json=THIRD | {"beta": BETA | {"num": "x"}})

@@ -183,7 +183,7 @@ def test_what_is_no_family_is_refused(whole: Path, tmp_path: Path) -> None:
             open_family(whole, number)
     plain = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.1, stop=0.2, num=4))
     create_store(plain, tmp_path / "plain.zarr")
-    with pytest.raises(SurveyError, match="has no families: compute it with --quantity families"):
+    with pytest.raises(SurveyError, match="has no families: compute a survey with --quantity families"):
         open_family(tmp_path / "plain.zarr", 0)
 
 

@@ -55,7 +55,7 @@ def test_what_kills_again_and_again_is_told(given_up: list[int]) -> None:
             raise killed()
         return ENDLESS
 
-    with pytest.raises(SurveyError, match="the process that joins the blocks of the survey was killed"):
+    with pytest.raises(SurveyError, match="a task that completes the survey killed its worker"):
         each(task)
     assert given_up[0] >= 1
 

@@ -138,7 +138,7 @@ def test_the_stiffness_makes_another_survey() -> None:
     ("fields", "message"),
     [
         ({"kappa": None}, "needs kappa"),
-        ({"model": "impacting"}, "kappa is of the stiff model"),
+        ({"model": "impacting"}, "only the stiff model has kappa"),
         ({"kappa": 0.0}, "greater than 0"),
         ({"kappa": 1e11}, "must be at most"),
         ({"kappa": "1e4"}, "number"),

@@ -12,17 +12,22 @@ from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.quantities import held, shape_of
 
 GROUP = "levels"
-LARGEST = 512  # the most cells along an axis of a survey without levels
-LEAST = 256  # an axis of so many cells or fewer is not halved
-#: Cells along an axis of a block, a chunk of each level, and numbers of a variable in one: some 130 MB of a worker.
-SIDE, BLOCK_NUMBERS = 2048, 1 << 24
+LARGEST = 512  # a survey has levels if one of its axes has more cells than this
+LEAST = 256  # axes of at most this many cells are not halved
+#: The most cells along an axis of a block. A block becomes one chunk of each level.
+SIDE = 2048
+#: The most numbers that a variable may have in a block: a worker needs about 130 MB for them.
+BLOCK_NUMBERS = 1 << 24
 
 Pair = tuple[int, int]  # along (epsilon, delta)
 
 
 @dataclass(frozen=True)
 class Level:
-    """A level: its number from 1, the cells of the survey in one of its cells along each axis, and its shape."""
+    """A level of less resolution. Pairs are along (epsilon, delta).
+
+    number: 1 for the finest level. cells: how many cells of the survey one of its cells covers. shape: its own cells.
+    """
 
     number: int
     cells: Pair
@@ -36,7 +41,7 @@ class Level:
 
 @dataclass(frozen=True)
 class LevelBlock:
-    """A rectangle of the survey that is one chunk of each level; `place` is its row and column among blocks."""
+    """A rectangle of the survey that becomes one chunk of each level. `place` is its row and column among blocks."""
 
     place: Pair
     epsilon: slice
@@ -55,9 +60,9 @@ class LevelBlock:
 
 
 def halvings(shape: Pair) -> tuple[Level, ...]:
-    """Return all levels that cells of this shape can have, down to a single cell.
+    """Return all levels that a grid of this shape can have, down to a single cell.
 
-    Axes of more than LEAST are halved while there are any, then both are.
+    While an axis has more than LEAST cells, only such axes are halved; after that both axes are halved.
 
     Returns
     -------
@@ -80,7 +85,7 @@ def levels_of(shape: Pair) -> tuple[Level, ...]:
 
 
 def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
-    """Return for each level how many cells of the level before become one, 1 or 2 along each axis."""
+    """Return for each level how many cells of the next finer level one of its cells covers: 1 or 2 along each axis."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
@@ -110,9 +115,10 @@ def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
 
 
 def centres(axis: np.ndarray, cells: int) -> np.ndarray:
-    """Return the centres of a level's cells, each of so many of the survey's cells, whose centres are `axis`.
+    """Return the centres of a level's cells along an axis.
 
-    They are evenly spaced, as if the last cell were complete.
+    axis: centres of the survey's cells. cells: how many of these each cell of the level covers. The returned centres
+    are evenly spaced, although the last cell of the level may cover fewer cells.
 
     Returns
     -------

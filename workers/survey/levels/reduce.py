@@ -1,9 +1,10 @@
 """Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
-Every function takes values (m, n), flags `known` (m, n) of the computed cells, and for each level how many cells of the
-level before become one, 1 or 2 along each axis; it yields the arrays of each level. Levels follow from the cells, not
-from one another, because the most frequent of most frequent codes need not be the most frequent code. At the end of an
-axis a cell of a level may cover fewer cells.
+Every function takes values (m, n), flags `known` (m, n) of the computed cells, and for each level the numbers of cells
+of the next finer level that one cell covers, 1 or 2 along each axis. It yields the arrays of each level. Levels follow
+from the survey's cells, not
+from one another, because the most frequent of most frequent codes need not be the most frequent code. The last cell of
+an axis may cover fewer cells.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,12 +15,16 @@ import numpy as np
 
 from gear_rattle.workers.survey.levels.grid import Pair
 
-#: Statistics of numbers; share is the share of known cells with a finite number.
+#: Statistics of the numbers in several cells. share: the share of the computed cells that have a finite number.
 STATISTICS = ("mean", "least", "largest", "share")
 
 
 class Codes(NamedTuple):
-    """Reduced codes of cells (m, n): the most frequent one (the lowest of several), its share, a bit for each code."""
+    """Codes of a level's cells (m, n).
+
+    most: the most frequent code, the lowest of equally frequent ones. share: its share of the computed cells.
+    occurs: a mask with a bit for each code that occurs.
+    """
 
     most: np.ndarray
     share: np.ndarray
@@ -29,7 +34,7 @@ class Codes(NamedTuple):
 def pooled_cells(
     values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
 ) -> np.ndarray:
-    """Combine cells of a level into those of the next with `pool`, always in the same order."""
+    """Combine the cells of a level into the next coarser level's, in a fixed order; `filler` pads odd sizes."""
     lacking = [(0, -size % each) for size, each in zip(values.shape, step, strict=True)]
     if any(after for _, after in lacking):
         values = np.pad(values, lacking, constant_values=filler)
@@ -37,7 +42,7 @@ def pooled_cells(
 
 
 def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
-    """Yield for each level the reduced codes, which are from 0 to number − 1; number is at most 32."""
+    """Yield the reduced codes of each level. Codes are from 0 to number − 1, with number at most 32."""
     there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
@@ -54,14 +59,14 @@ def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: 
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
-    """Return the unsigned type with a bit for each of so many codes."""
+    """Return the smallest unsigned type that has a bit for each of `number` codes."""
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 
 
 def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield for each level the STATISTICS (4, m, n) of numbers, float32; the mean is that of finite numbers.
+    """Yield the STATISTICS of the numbers in each level's cells, float32 of shape (4, m, n).
 
-    least and largest include infinite numbers. NaN where no cell has a number.
+    The mean is over the finite numbers; least and largest include infinite numbers. NaN where no cell has a number.
 
     Yields
     ------
@@ -82,10 +87,10 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
 
 
 def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield for each level the STATISTICS (4, m, n) of phases, on a circle of length 1.
+    """Yield the STATISTICS of the phases in each level's cells, float32 of shape (4, m, n); phases repeat after 1.
 
-    The mean is the mean direction in [0, 1). least and largest are the extent on either side of it, so they may be
-    below 0, or 1 and more.
+    The mean is the mean direction in [0, 1). least and largest are the ends of the interval around the mean that has
+    all phases, so they may be below 0, or 1 and more.
 
     Yields
     ------

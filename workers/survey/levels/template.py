@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.values.schema import CELL, Quantity
 #: Dimensions of a level, with other names than the survey's because their coordinates differ.
 LEVEL_CELL = ("level_epsilon", "level_delta")
 STATISTIC = "statistic"
-SHARE, OCCURS = "_share", "_occurs"  # endings of the further arrays of codes
+SHARE, OCCURS = "_share", "_occurs"  # a variable of codes has two further arrays, whose names end so
 MULTISCALES = {
     "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",
     "spec_url": "https://github.com/zarr-conventions/multiscales/blob/v1/README.md",
@@ -39,7 +39,7 @@ MULTISCALES = {
 
 
 class LevelDescription(NamedTuple):
-    """An array of a level: name, dimensions without those of cells and of a third axis, type and attributes."""
+    """An array of a level. dims: its dimensions, without the two of the cells and without a third axis."""
 
     name: str
     dims: tuple[str, ...]
@@ -48,17 +48,17 @@ class LevelDescription(NamedTuple):
 
 
 def maps(request: SurveyRequest) -> list[Quantity]:
-    """Return the variables of levels."""
+    """Return the variables of a survey that its levels contain: all that have a value for each cell."""
     return [each for each in held(request.quantities, request.model) if each.per_cell]
 
 
 def meanings(quantity: Quantity) -> tuple[str, ...]:
-    """Return the meanings of the codes of a variable; none for one with numbers."""
+    """Return the meanings of a variable's codes, or () if its values are numbers."""
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
 def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
-    """Return the arrays of a level for a variable; for complex numbers these hold moduli."""
+    """Return the arrays that a level has for a variable. A level has the moduli of complex numbers."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
@@ -104,7 +104,7 @@ def _labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ..
 
 
 def files_of_levels(request: SurveyRequest) -> Template:
-    """Return the files of levels in a store, except their chunks, by their key."""
+    """Return the files of a store's levels by key, except their chunks."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     levels = levels_of(request.shape)
@@ -126,7 +126,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
 
 
 def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """Yield the convention's entry for each level: along (epsilon, delta), relative to the level before it."""
+    """Yield each level's entry of the multiscales convention: (epsilon, delta), relative to the next finer level."""
     for level, step in zip(levels, steps_of(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]

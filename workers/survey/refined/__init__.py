@@ -1,1 +1,1 @@
-"""Tiles whose cells are computed coarsely first, and finely where motions differ; other cells are filled."""
+"""Tiles of a refined survey: compute a coarse grid of cells, add cells where motions differ, and fill the others."""

@@ -9,16 +9,16 @@ from gear_rattle.workers.survey.axes import Real, Strict
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
-BLOCK = 32  # cells along a side of a block; corners are at multiples of it, independent of tiles
-AUDIT = 0.02  # default share of the filled cells
+BLOCK = 32  # cells along a side of a block; blocks begin at multiples of it in the grid, whatever the tiles are
+AUDIT = 0.02  # the default of `Refine.audit`
 
 
 class Refine(Strict):
-    """Options of a survey that computes cells coarsely first, and finely where motions differ; others are filled.
+    """Options of a refined survey, which computes few cells, more where motions differ, and fills the others.
 
-    audit: share of the filled cells that are computed as a check of how many are wrong. bound: upper bound, 95 % sure,
-    that the share of wrong cells among the filled ones must meet; further cells are audited and computed until it is
-    met, in the end all.
+    audit: share of the filled cells that are computed as a check, to estimate how many are wrong. bound: the largest
+    allowed share of wrong cells among the filled ones, with 95 % confidence; the survey audits and computes further
+    cells until it meets this bound, if necessary all cells.
     """
 
     audit: Annotated[Real, Field(gt=0, le=1)] = AUDIT
@@ -26,7 +26,7 @@ class Refine(Strict):
 
 
 def _refine_or_not(value: Any) -> Any:
-    """Read true as the default options, and false as none."""
+    """Replace true by the default options, and false by None."""
     return (Refine() if value else None) if isinstance(value, bool) else value
 
 
@@ -34,7 +34,7 @@ RefineOrNot = BeforeValidator(_refine_or_not)
 
 
 def require_refinable(quantities: Iterable[Group], model: str) -> None:
-    """Raise ValueError unless these groups of variables can be filled in cells that are not computed."""
+    """Raise ValueError unless a refined survey can have these groups of variables."""
     groups = set(quantities)
     if not groups & {Group.REGION, *SAMPLED}:
         raise ValueError("refine compares regions or attractors: name one of these quantities, or leave out refine")

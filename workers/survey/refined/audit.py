@@ -9,24 +9,24 @@ from gear_rattle.workers.survey.refined.evidence import scrambled
 
 SOURCE_LEVEL, AUDIT, LEAF = "source_level", "audit", "audit_leaf"  # variables of an audit
 AUDITED, DISAGREED = 1, 2  # codes of an audited cell; 0 for other cells
-SURE = 0.95
-#: Attributes of a store: numbers of filled, audited and disagreeing cells, and the 95 % bound of the share of wrong
-#: cells among the filled ones.
+SURE = 0.95  # confidence of the bound
+#: Attributes of a store: how many cells were filled, audited, and found wrong by the audit, and the upper bound of the
+#: share of wrong cells among the filled ones.
 TOLD = "refined_cells_filled", "refined_cells_audited", "refined_cells_disagreed", "refined_wrong_share_upper"
 
-#: Attribute of a store with a bound: the rounds of all its tiles after the first, as JSON.
+#: Attribute of the store of a survey with a bound: the rounds of audits after the first round, as JSON.
 ROUNDS = "refined_rounds"
 
 
 def draws(blocks: Blocks, seed: int) -> np.ndarray:
-    """Return a number from 0 to 1 for each cell of the frame (cells,), from the seed and its position in the grid.
+    """Return a random number for each cell of the frame (cells,), which depends on the seed and the cell's position.
 
     The cells with the smallest numbers are audited.
 
     Returns
     -------
     np.ndarray
-        float64, uniformly distributed.
+        float64, uniformly distributed in [0, 1).
     """
     rows, columns = (np.arange(span.start, span.stop, dtype=np.uint64) for span in blocks.frame)
     place = (rows[:, None] << np.uint64(32)) + columns
@@ -36,10 +36,10 @@ def draws(blocks: Blocks, seed: int) -> np.ndarray:
 
 
 def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
-    """Return the attributes of a store, by the names of TOLD, about the filled and audited cells of each slice.
+    """Return the attributes TOLD of a store. counts: numbers of filled, audited and wrong cells in each slice.
 
-    All slices audit the same positions, so together they are no larger a sample: the bound is the largest of theirs.
-    Without filled cells it is 0.
+    All slices audit the same positions, so together they are no larger a sample: the bound is the largest bound of a
+    slice. It is 0 without filled cells.
 
     Returns
     -------
@@ -51,13 +51,15 @@ def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
 
 def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
-    """Return the upper end of a share's one-sided interval (Clopper and Pearson, Biometrika 26 (1934) 404).
+    """Return the upper end of the one-sided confidence interval of a share, if `wrong` of `of` drawn cells are wrong.
+
+    The method is that of Clopper and Pearson, Biometrika 26 (1934) 404.
 
     Returns
     -------
     float
         1 if `of` is 0.
     """
-    from scipy.special import betaincinv  # a tenth of a second to load
+    from scipy.special import betaincinv  # here, because it takes a tenth of a second to load
 
     return float(betaincinv(wrong + 1, of - wrong, sure)) if wrong < of else 1.0

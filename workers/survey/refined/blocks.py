@@ -1,4 +1,8 @@
-"""The blocks of a tile, and their leaves: squares of cells with their edges, halved until nothing differs inside."""
+"""The blocks of a tile, and their leaves.
+
+A leaf is a square of cells, edges included. It begins as a whole block, and is divided into four quarters until its
+cells have the same motions.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +17,9 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 
 
 class Leaves(NamedTuple):
-    """Squares (k,) of equal size: their block, and their first row and column in it.
+    """Leaves (k,) of equal size: the number of their block, and their first row and column in the block.
 
-    A leaf of size n has n + 1 cells a side: its last row and column are the first ones of the next leaves.
+    A leaf of size n has n + 1 cells a side: its last row and column are also the first ones of the next leaves.
     """
 
     block: np.ndarray
@@ -24,12 +28,15 @@ class Leaves(NamedTuple):
     size: int
 
     def of(self, which: np.ndarray) -> Leaves:
-        """Return a selection of the leaves."""
+        """Return the leaves that an index or mask selects."""
         return Leaves(self.block[which], self.row[which], self.column[which], self.size)
 
 
 class Square(NamedTuple):
-    """The cells of leaves (k, size + 1, size + 1): block, row and column in it; `inside`: whether it is in the grid."""
+    """The cells of leaves, shape (k, size + 1, size + 1).
+
+    block: the number of their block. row, column: their position in the block. inside: whether they are in the grid.
+    """
 
     block: np.ndarray
     row: np.ndarray
@@ -39,9 +46,10 @@ class Square(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The blocks of the cells rows × columns of a grid of this shape.
+    """The blocks that cover the cells rows × columns of a grid; `grid` is the shape of the grid.
 
-    The frame is these cells with the next row and column of the grid, if there are any: the last edges of its blocks.
+    The frame is these cells together with the next row and column of the grid, if there are any, which are the far
+    edges of the last blocks.
     """
 
     rows: slice
@@ -69,7 +77,7 @@ class Blocks:
 
     @cached_property
     def last(self) -> tuple[np.ndarray, np.ndarray]:
-        """The last row and column of each block (blocks,), its far edges included."""
+        """The last row and column of each block (blocks,), counted from its corner: its far edges."""
         top, left = self.corners
         return np.minimum(BLOCK, self.shape[0] - 1 - top), np.minimum(BLOCK, self.shape[1] - 1 - left)
 
@@ -84,7 +92,7 @@ class Blocks:
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
     def halves(self, leaves: Leaves) -> Leaves:
-        """Return the four quarters of leaves, without those that have no cell inside."""
+        """Return the four quarters of each leaf, without quarters that lie outside the grid."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])
         row = row + np.tile([0, 0, half, half], leaves.block.size)
@@ -109,14 +117,14 @@ class Blocks:
         )
 
     def cell(self, square: Square) -> np.ndarray:
-        """Return the numbers of cells in the frame."""
+        """Return the numbers that cells have in the frame, counted row by row."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
         top, left = (corner[block] for corner in self.corners)
         number: np.ndarray = (top + row) * self.shape[1] + left + column
         return number
 
     def edges(self, leaves: Leaves) -> np.ndarray:
-        """Return the cells of the frame on an edge of leaves, each once, sorted."""
+        """Return the numbers of the cells on the edges of leaves, sorted and without repetition."""
         square = self.square(leaves)
         row, column = square.row, square.column
         ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
@@ -124,14 +132,14 @@ class Blocks:
         return self.each_once(self.cell(square)[on])
 
     def each_once(self, cells: np.ndarray) -> np.ndarray:
-        """Return cells of the frame sorted and each once; `np.unique` takes ten times as long."""
+        """Sort numbers of cells of the frame and remove repetitions; `np.unique` takes ten times as long."""
         there = np.zeros(self.n_cells, bool)
         there[cells] = True
         return np.flatnonzero(there)
 
 
 def cells_together(parts: Iterable[Leaves]) -> Leaves:
-    """Return leaves of one size in one table."""
+    """Concatenate leaves, all of one size."""
     many = list(parts)
     block, row, column = (np.concatenate(x) for x in zip(*(each[:3] for each in many), strict=True))
     return Leaves(block, row, column, many[0].size)

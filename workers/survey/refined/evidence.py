@@ -1,4 +1,4 @@
-"""The known cells of a tile while it is refined: their regions, samples, and existing orbits."""
+"""Everything known about a tile's cells while it is refined: computed regions and samples, and continued orbits."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
 from rattle.families import GridPiece, in_order, no_attractors, together
 
-#: Kinds of attractors without an orbit that could be continued.
+#: Kinds of attractors that continuation cannot follow, because they are no periodic orbits: samples alone show them.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
-FEW = 12  # samples; two cells differ if one has none and the other so many
-MOST = 65_536  # cells whose closed forms are computed at once, by columns, which share constants
-SURELY = 1e-3  # probability below which a cell without a motion that its neighbours have is surprising
+FEW = 12  # two cells differ if a motion has at least this many samples in one of them, and none in the other
+#: The most cells whose closed forms are computed at once. They are sorted by column, because a column shares constants.
+MOST = 65_536
+#: An audited cell without any sample of a motion on the leaf's edges disagrees if chance explains that less often.
+SURELY = 1e-3
 
 
 class Evidence:
-    """Cells of the frame of some blocks, computed on demand.
+    """The cells of a frame, computed on demand.
 
-    cells: the cells of the frame. sampled: whether attractors are compared; regions: whether regions are.
+    sampled: whether the attractors of cells are compared. regions: whether their regions are compared.
     """
 
     def __init__(self, blocks: Blocks, cells: Cells, sampled: bool, regions: bool) -> None:
@@ -33,11 +35,11 @@ class Evidence:
         self.region = np.zeros(n, np.int8)
         self.samples = np.zeros((len(SEEN), n))
         self.table = no_attractors()
-        self.existing: dict[int, GridPiece] = {}  # of the blocks that have periodic orbits
+        self.existing: dict[int, GridPiece] = {}  # by number of a block: its periodic orbits, continued to all cells
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute the unknown ones among these cells, and continue their orbits through their blocks."""
+        """Compute those of the given cells that are not known yet, and continue their orbits through their blocks."""
         cells = cells[~self.known[cells]]
         if not cells.size:
             return
@@ -80,12 +82,12 @@ class Evidence:
         return GridPiece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
-        """Return numbers that are equal where the same orbits exist, for cells of one block."""
+        """Return a number for each cell; two cells of a block with the same orbits have the same number."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
     def uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return whether the same motions are known to exist in all cells of leaves (k,), whatever their fractions."""
+        """Return for each leaf (k,) whether all its cells have the same motions, whatever their basin fractions."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         known = square.inside & self.known[cell]
@@ -99,7 +101,7 @@ class Evidence:
         return same
 
     def chaotic(self, leaves: Leaves) -> np.ndarray:
-        """Return whether computed cells of leaves (k,) have chaotic or undecided samples."""
+        """Return for each leaf (k,) whether a computed cell has chaotic or undecided samples."""
         if not self.sampled:
             return np.zeros(leaves.block.size, bool)
         square = self.blocks.square(leaves)
@@ -109,17 +111,17 @@ class Evidence:
         return found
 
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Return flags of the audited cells of leaves that differ from the edges of their leaf.
+        """Flag the audited cells of leaves whose motions differ from the motions on the edges of their leaf.
 
         Parameters
         ----------
         before : np.ndarray
-            The codes of the cells when only the edges were known.
+            The result of `code` for these cells before the audit, when only the edges were known.
 
         Returns
         -------
         np.ndarray
-            Shape of the square, bool.
+            Flags in the shape of the square.
         """
         cell = self.blocks.cell(square)
         edge = square.inside & self.known[cell] & ~audited
@@ -137,10 +139,11 @@ class Evidence:
 
 
 def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
-    """Return whether cells of leaves differ in the presence of a motion, beyond what samples miss by chance.
+    """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
-    seen (…, k, n, n): samples that go to the motion; known (k, n, n): the sampled cells. Cells differ if one has no
-    such sample and another at least FEW, or if more cells have none than a common fraction explains.
+    seen (…, k, n, n): numbers of samples that go to the motion. known (k, n, n): flags of the sampled cells. Cells
+    differ if one has no such sample and another has at least FEW, or if more cells have none than chance explains when
+    the motion has the same basin fraction in all of them.
 
     Returns
     -------
@@ -159,7 +162,7 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
 
 
 def labels_in(piece: GridPiece) -> np.ndarray:
-    """Return numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
+    """Return a number for each cell (rows, columns); cells whose orbits have the same labels have the same number."""
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)
     for part in (orbits.m, orbits.n_plus, orbits.n_minus):

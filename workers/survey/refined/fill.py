@@ -1,4 +1,4 @@
-"""Every variable of a refined tile: computed cells have their own values, the others have filled ones."""
+"""The variables of a refined tile: computed cells have their own values, other cells have filled values."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 @dataclass(frozen=True, eq=False)
 class RefinedCells(Cells):
-    """Cells of which only some were computed.
+    """The cells of a refined tile, computed or filled.
 
-    table: the attractors of all cells. wider (rows,): the additional uncertainty of `Filling`, 0 for computed cells.
-    regions, source_level, audit, audit_leaf: values of each cell.
+    table: the attractors of all cells. wider (attractors,): the additional uncertainty of each basin fraction in a
+    filled cell (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: values of each cell.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
@@ -49,7 +49,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def region(self) -> np.ndarray:
-        """The regions; a filled cell has that of the edges around it."""
+        """The regions; a filled cell has the region of the edges of its leaf."""
         return self.regions
 
     @property
@@ -83,7 +83,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _guessed(self) -> np.ndarray:
-        """Flags of the rows of chaotic attractors in filled cells, which have no trajectory."""
+        """Flags of the chaotic attractors in filled cells, which have no trajectory."""
         found: np.ndarray = self.filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
@@ -93,13 +93,17 @@ class RefinedCells(Cells):
 
     @cached_property
     def _followed(self) -> RefinedCells:
-        """The same cells, with only those attractors that have a trajectory."""
+        """These cells without the attractors that have no trajectory."""
         rows = ~self._guessed
         return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 
 
 class FillingPlan(NamedTuple):
-    """Options of a tile's refinement: rounds of audits, compared groups, curves of the plane, and the seed of draws."""
+    """Options of a tile's refinement.
+
+    rounds: rounds of audits. quantities: groups of variables; their regions or attractors are compared. crossings: of
+    each curve of the plane. seed: of the draws that choose audited cells.
+    """
 
     rounds: Sequence[Round]
     quantities: tuple[Group, ...]
@@ -110,7 +114,7 @@ class FillingPlan(NamedTuple):
 def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
     """Refine the cells rows × columns of a grid of cells.
 
-    The values of a cell follow from its block, and depend neither on the tile nor on the position in it.
+    A cell's values depend on its block alone, not on the tile or on its position in the tile.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""Rounds of audits: the next round for a survey whose wrong share must meet a bound.
+"""Rounds of audits of a survey whose share of wrong cells must meet a bound.
 
-Each round draws cells that no earlier round has drawn, from the cells that are filled then: a sample independent of all
-earlier decisions. Cells that a round finds wrong are computed. Kinds of leaves in which too many cells were wrong are
-computed whole in the next round, which audits as many cells as the bound needs; the last round computes all that are
-left.
+Each round audits a random sample of the filled cells, from cells that no earlier round has drawn, so the sample is
+independent of all earlier decisions. If the bound is not met, there is a next round. It first computes whole the leaves
+of those kinds in which too many cells were wrong; then it audits as many cells as the bound needs. The last round
+computes all remaining cells.
 """
 
 from __future__ import annotations
@@ -16,18 +16,20 @@ import numpy as np
 from gear_rattle.workers.survey.refined.audit import SURE, upper_share
 
 LAST = 5  # number of the round that computes all remaining cells; the first round is 0
-CHAOTIC, KINDS = 8, 16  # a kind of leaf: the logarithm of its size, and CHAOTIC where chaos was seen on its edges
-#: Expected wrong share after leaves are computed whole, as a share of the bound.
+#: The kind of a leaf is log2 of its size, plus CHAOTIC if chaos was seen on its edges; there are KINDS kinds.
+CHAOTIC, KINDS = 8, 16
+#: Leaves are computed whole until the expected share of wrong cells is at most this share of the bound.
 AIM = 0.5
-MOST = 0.5  # largest share to audit; instead of a larger one all cells are computed
-SPARE = 3.0  # factor of the first audit, over the size that suffices if all cells are filled and none is wrong
+MOST = 0.5  # if a round had to audit a larger share of the filled cells than this, it computes all of them
+#: The first audit has this many times the cells that would suffice if all cells were filled and none were wrong.
+SPARE = 3.0
 
 
 class Round(NamedTuple):
     """A round of audits.
 
-    drawn: filled cells whose draw is below this are audited. regular, chaotic: leaves of at most so many cells a side,
-    without and with chaos, are computed whole before that.
+    drawn: filled cells whose draw is below this are audited. regular, chaotic: before that, leaves of at most this size
+    are computed whole; `regular` is the limit for leaves without chaos, `chaotic` for leaves with chaos.
     """
 
     drawn: float
@@ -38,8 +40,8 @@ class Round(NamedTuple):
 class Counts(NamedTuple):
     """Findings of a round, by kind of leaf (KINDS,).
 
-    before: cells to be filled before the round. audited, disagreed: audited cells, and those that disagreed. filled:
-    filled cells after the round.
+    before: how many cells were to be filled before the round. audited: how many of these it audited. disagreed: how
+    many audited cells were wrong. filled: how many cells are filled after the round.
     """
 
     before: np.ndarray
@@ -49,12 +51,12 @@ class Counts(NamedTuple):
 
 
 def sure_of(number: int) -> float:
-    """Return the confidence of a round's bound; all rounds together have SURE, however many there are."""
+    """Return the confidence of a round's bound, such that all rounds together have the confidence SURE."""
     return 1.0 - (1.0 - SURE) / 2.0 ** (number + 1)
 
 
 def first_round(audit: float, bound: float | None, cells: int) -> Round:
-    """Return the first round for a survey of so many cells; audit: the least share of audited cells."""
+    """Return the first round for a survey. audit: the least share of cells to audit. cells: the survey's cells."""
     if bound is None:
         return Round(audit)
     needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)
@@ -62,9 +64,10 @@ def first_round(audit: float, bound: float | None, cells: int) -> Round:
 
 
 def upper_of(counts: Counts, number: int) -> float:
-    """Return the upper bound of the share of wrong cells among those that are filled after a round.
+    """Return an upper bound of the share of wrong cells among the cells that are filled after a round.
 
-    It is the audit's bound for the cells before the round, less the wrong cells that were found.
+    The audit bounds the number of wrong cells before the round; the wrong cells that it found are subtracted, because
+    they have been computed.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def upper_of(counts: Counts, number: int) -> float:
 
 
 def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round | None:
-    """Return the round after these, given the findings of the last one; None if the bound is met."""
+    """Return the next round of audits, or None if the bound is met. counts: the findings of the last of `rounds`."""
     number = len(rounds)
     if upper_of(counts, number - 1) <= bound:
         return None
@@ -98,7 +101,7 @@ def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round
 
 
 def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
-    """Return the share of filled cells to audit if so many are expected to be wrong; 1 if all must be computed."""
+    """Return the share of `filled` cells to audit if `wrong` of them are expected to be wrong; 1: compute them all."""
     share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
     while share <= MOST:
         found = share * wrong

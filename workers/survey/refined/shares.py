@@ -1,4 +1,4 @@
-"""Fill the cells of uniform leaves: existing orbits from continuation, fractions from the samples around them."""
+"""Fill the cells of leaves: their orbits come from continuation, their basin fractions from computed cells around."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ NORMAL = 1.96  # half-width of a 95 % interval in standard deviations
 
 
 class Filling(NamedTuple):
-    """Attractors of filled cells, and the additional uncertainty of their fractions beyond that of a sample.
+    """The attractors of filled cells.
 
-    samples: fractions times the count, not whole numbers. A periodic row is an orbit that Newton's method has found in
-    the cell. A row of another kind has the state of the nearest computed cell with that kind, and no exponents.
+    table: the attractors. A periodic one is an orbit that Newton's method has found in the cell. Any other one has the
+    state of an attractor of its kind in the nearest computed cell, and no exponents. `table.samples` is the basin
+    fraction times the number of samples of a cell, and not a whole number. wider: the uncertainty of each basin
+    fraction that adds to the uncertainty of a sample.
     """
 
     table: Attractors
@@ -28,10 +30,10 @@ class Filling(NamedTuple):
 
 
 class Related(NamedTuple):
-    """The orbits (n,) of a block.
+    """The periodic orbits (n,) of a block.
 
-    row, column: their cells in the block. label: number of their label. group: equal for orbits of one branch, that is,
-    each continues into the other in the next cell.
+    row, column: the cell of each orbit in the block. label: a number for its label. group: a number for its branch. Two
+    orbits in neighbouring cells are on one branch if continuation leads from each to the other.
     """
 
     existing: GridPiece
@@ -42,7 +44,7 @@ class Related(NamedTuple):
 
 
 def filling(evidence: Evidence, leaves: Leaves) -> Filling:
-    """Fill the cells of leaves that were not computed."""
+    """Return attractors for those cells of leaves that were not computed."""
     square = evidence.blocks.square(leaves)
     cell = evidence.blocks.cell(square)
     known = square.inside & evidence.known[cell]
@@ -60,7 +62,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
 
 def related(existing: GridPiece) -> Related:
     """Return the orbits of a block, grouped into branches."""
-    from scipy.sparse import coo_array  # an eighth of a second to load
+    from scipy.sparse import coo_array  # here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
     orbits, n = existing.orbits, existing.n
@@ -78,9 +80,10 @@ def related(existing: GridPiece) -> Related:
 
 @dataclass(frozen=True, eq=False)
 class _Leaf:
-    """A leaf to fill: cell (n, n), the numbers of its cells in the frame.
+    """A leaf to fill, with n × n cells.
 
-    known, empty (n, n): flags of the computed cells, and of those to fill.
+    cell (n, n): the numbers of its cells in the frame. known (n, n): flags of the computed cells. empty (n, n): flags
+    of the cells to fill.
     """
 
     evidence: Evidence
@@ -89,12 +92,12 @@ class _Leaf:
     empty: np.ndarray
 
     def without_orbits(self) -> list[Filling]:
-        """Return the rows of a leaf without periodic orbits."""
+        """Return the attractors for the empty cells of a leaf whose block has no periodic orbits."""
         shares, spread = self._planes(np.zeros((int(self.known.sum()), 0)))
         return self._kinds(shares, spread)
 
     def filling(self, related: Related, top: int, left: int) -> list[Filling]:
-        """Return the rows of the leaf; top, left: its first row and column in its block."""
+        """Return the attractors for the empty cells of the leaf; top, left: its first row and column in its block."""
         row, column = related.row - top, related.column - left
         n = self.cell.shape[0]
         here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
@@ -138,14 +141,16 @@ class _Leaf:
         return [*self._kinds(shares, spread), periodic]
 
     def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return fractions in the empty cells, from planes fitted to the computed cells, scaled so that their sum is 1.
+        """Fit a plane over (δ, ε) to each basin fraction of the computed cells, and evaluate it in the empty cells.
 
-        There is one for each kind of SEEN and for each column of `won` (known cells, labels).
+        There is a plane for each kind of SEEN, and for each label: `won` (known cells, labels) has the numbers of
+        samples of each label. The fractions of a cell are scaled so that their sum is 1.
 
         Returns
         -------
         tuple[np.ndarray, np.ndarray]
-            Fractions, and the standard deviation of samples from the planes.
+            The fractions (empty cells, kinds and labels), and the standard deviation of the computed fractions from
+            each plane beyond the scatter of samples.
         """
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
@@ -161,7 +166,7 @@ class _Leaf:
         return np.column_stack([np.ones(len(at)), at])
 
     def _kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
-        """Return the rows of kinds that are not periodic."""
+        """Return the attractors of the kinds SEEN for the empty cells."""
         found = []
         for which, kind in enumerate(SEEN):
             has = self.evidence.samples[which, self.cell] > 0
@@ -190,7 +195,18 @@ class _Leaf:
         return found
 
     def _nearest(self, kind: int, has: np.ndarray) -> np.ndarray:
-        """Return for each empty cell the evidence's row of this kind in the nearest cell that has one."""
+        """Return for each empty cell the row of `evidence.table` with the nearest attractor of this kind.
+
+        Parameters
+        ----------
+        has : np.ndarray
+            Flags (n, n) of the computed cells with an attractor of this kind.
+
+        Returns
+        -------
+        np.ndarray
+            Rows (empty cells,).
+        """
         there, empty = np.argwhere(has), np.argwhere(self.empty)
         apart = ((empty[:, None] - there) ** 2).sum(axis=2)
         cell = self.cell[has][apart.argmin(axis=1)]
@@ -201,21 +217,22 @@ class _Leaf:
 
 
 def _normal(shares: np.ndarray) -> np.ndarray:
-    """Return shares (cells, labels) made non-negative, with sum 1 in each cell."""
+    """Replace negative shares (cells, labels) by 0, and scale each cell's shares to the sum 1."""
     found = np.maximum(shares, 0.0)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return each orbit's part of the fraction that equal labels of a cell share, by weight.
+    """Divide the basin fraction of a label in a cell among the orbits with this label there, in proportion to weight.
 
-    of (k,): number of the shared fraction. weight: negative for orbits without any computed cell. If all such orbits
-    have weight 0, their parts are equal.
+    of (k,): for each orbit, the number of the fraction that it has a part of. weight (k,): the samples of its branch in
+    computed cells; negative for a branch that no computed cell has, which gets no part if another orbit has a branch
+    with computed cells. If all weights are 0, the parts are equal.
 
     Returns
     -------
     np.ndarray
-        Parts (k,), −1 for orbits that get none.
+        Parts (k,) from 0 to 1; −1 for orbits that get no part.
     """
     if not of.size:
         return np.zeros(0)

@@ -1,4 +1,4 @@
-"""Halve leaves until their edges are uniform, and audit a share of the cells that are then filled."""
+"""Divide leaves until the cells on their edges have the same motions, and audit a share of the cells to fill."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
 class Tree:
     """The leaves of a tile.
 
-    passed (rows, columns), twice: whether a curve passes between a cell of the frame and the next one along δ, along ε.
-    draws (cells,): number of each cell that decides which round audits it. leaf (cells,): for each cell that a round
-    was to fill, KINDS times the number of the last such round plus the kind of its leaf.
+    evidence: everything known about the tile's cells. passed: two arrays (rows, columns) of flags; they say whether a
+    curve passes between a cell of the frame and the next one along δ (first array) or along ε (second). draws (cells,):
+    a random number for each cell, which decides the round that audits it. leaf (cells,): KINDS times the number of the
+    last round that was to fill the cell, plus the kind of its leaf. filled: the leaves to fill.
     """
 
     evidence: Evidence
@@ -48,19 +49,19 @@ class Tree:
         return self.evidence.blocks
 
     def grow(self) -> None:
-        """Compute the necessary cells, round by round; `filled` then has the leaves whose other cells can be filled."""
+        """Compute the necessary cells, round by round. `filled` then has the leaves whose other cells can be filled."""
         self._refine([self.blocks.whole()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._now = now  # leaves that it computes whole come before cells that it audits
+            self._now = now  # a round first computes whole leaves, and then audits cells
             self._refine(self._judged(self._uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
             self._refine(self._judged(self._holds))
 
     def _refine(self, waiting: list[Leaves]) -> None:
-        """Compute leaves, and halve them where they are not uniform.
+        """Compute the edges of leaves, and divide leaves that are not uniform, until no more leaves are divided.
 
-        An orbit that is found late may end in a leaf that was uniform before, which is then halved too.
+        Continuing an orbit that is found late may change a leaf that was uniform before; it is then divided too.
         """
         while True:
             self._down(waiting)
@@ -68,7 +69,7 @@ class Tree:
                 break
 
     def _judged(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
-        """Keep the filled leaves that pass a test, and return the halves of the others."""
+        """Keep those leaves of `filled` that pass a test, and return the quarters of the others."""
         kept, others = list[Leaves](), list[Leaves]()
         for leaves in self.filled:
             same = judge(leaves)
@@ -108,7 +109,7 @@ class Tree:
         return found
 
     def _holds(self, leaves: Leaves) -> np.ndarray:
-        """Audit leaves that are to be filled, and return whether they are still uniform."""
+        """Audit the chosen cells of leaves to fill, and return for each leaf whether it is still uniform."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         empty = square.inside & ~self.evidence.known[cell]
@@ -124,7 +125,7 @@ class Tree:
         return self._uniform(leaves)
 
     def _note(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Record the kind of leaf in which a round first wants to fill each cell."""
+        """Record, for each cell that this round is to fill and that has no record of it yet, the kind of its leaf."""
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))
         kind = first + CHAOTIC * self.evidence.chaotic(leaves) + leaves.size.bit_length() - 1
@@ -132,7 +133,7 @@ class Tree:
 
 
 def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Return flags of the frame's cells: whether a curve passes to the next cell along δ, and along ε."""
+    """Return two arrays of flags: whether a curve passes between a cell of the frame and the next one along δ or ε."""
     rows, columns = blocks.frame
     found = []
     for along in range(2):

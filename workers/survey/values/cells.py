@@ -12,15 +12,15 @@ from rattle.models import Model
 
 GRAZING_CURVES = ("G1", "G2")
 AUDIT = ("not_audited", "agreed", "disagreed")
-BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 for the entropy
+BASIN_RESOLUTION = 100  # states along each axis of the (τ, v) plane; the basin entropy takes boxes of 5 × 5 states
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells `epsilon` × `delta`; each property is evaluated once, when it is first needed.
+    """The cells `epsilon` × `delta`; each property is computed once, when it is first needed.
 
-    Values do not depend on the block: each follows from (δ, ε), the model and, for attractors, the sample's count, box
-    and seed, so the same cell has the same bits in any block.
+    A cell's values follow from its (δ, ε), the model and, for attractors, the sample's count, box and seed. They do not
+    depend on the other cells, so the same cell has the same bits in any block.
     """
 
     delta: np.ndarray  # (n_delta,)
@@ -61,7 +61,7 @@ class Cells:
         return np.zeros(self.shape, np.int8)
 
     def one(self, i: int, j: int) -> "Cells":
-        """Return the cell at (i_epsilon, i_delta), as cells of which nothing is evaluated yet."""
+        """Return the cell at (i_epsilon, i_delta) alone; none of its properties is computed yet."""
         return replace(self, delta=self.delta[j : j + 1], epsilon=self.epsilon[i : i + 1])
 
     @cached_property
@@ -76,12 +76,12 @@ class Cells:
 
     @cached_property
     def attractors(self) -> rattle.Attractors:
-        """The attractors of all cells, row by row; to the bit those of `rattle.attractors_of` at each point."""
+        """The attractors of all cells, row by row; equal to the bit to those of `rattle.attractors_of` at each cell."""
         return self.model.attractors_of(self.delta, self.epsilon[:, None], self.sample)
 
     @cached_property
     def intensities(self) -> Intensities:
-        """The intensities of these attractors, row by row."""
+        """The intensities of all attractors, in the order of `attractors`."""
         return self.model.intensities_of(self.delta, self.epsilon[:, None], self.attractors)
 
     @cached_property
@@ -91,19 +91,20 @@ class Cells:
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
-        """Least speeds that end quiet running, with phases, shapes (n_epsilon, n_delta)."""
+        """Least impact speeds that end quiet running, and the phases of these impacts, shape (n_epsilon, n_delta)."""
         return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.model.beta, self.v_max)
 
     @cached_property
     def rests_late(self) -> np.ndarray:
-        """True where quiet motion takes too many impacts to be distinguished from chaos, shape (n_epsilon, n_delta)."""
+        """Flags (n_epsilon, n_delta) of the cells where quiet motion takes too many impacts to be told from chaos."""
         return self.model.rests_late(self.delta, self.epsilon[:, None])
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:
-        """Entropy per box of all boxes and of those at boundaries, shape (2, n_epsilon, n_delta).
+        """Basin entropy per box, over all boxes and over the boxes at boundaries, shape (2, n_epsilon, n_delta).
 
-        NaN if a cell of the (τ, v) plane is undecided, or could be so near the quiet limit.
+        NaN if a state of the (τ, v) plane is undecided, or if states could be undecided because ε is so near the quiet
+        limit.
         """
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):

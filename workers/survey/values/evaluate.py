@@ -25,7 +25,7 @@ def grazing_orbits(field: str) -> Evaluate:
 
 
 def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
-    """Return a function for a field of the first attractors of each cell, shape (slots, n_epsilon, n_delta)."""
+    """Return a function for a field of the attractors that each cell lists, shape (slots, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
         return in_slots(cells, getattr(cells.attractors, field), fill, dtype)
@@ -34,7 +34,7 @@ def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
 
 
 def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
-    """Return the values of attractors in the slots of their cells."""
+    """Arrange values of attractors by slot and cell, shape (slots, n_epsilon, n_delta); empty slots get `fill`."""
     cell, slot = cells.attractors.cell, _slot(cells)
     filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
     shown = slot < cells.slots
@@ -43,7 +43,7 @@ def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.nd
 
 
 def _slot(cells: Cells) -> np.ndarray:
-    """Return the number of each attractor in its cell."""
+    """Return the slot of each attractor: its position among the attractors of its cell."""
     cell = cells.attractors.cell
     return np.arange(cell.size) - np.searchsorted(cell, cell)
 
@@ -54,7 +54,7 @@ def slot_fraction(cells: Cells) -> np.ndarray:
 
 
 def slot_fraction_upper(cells: Cells) -> np.ndarray:
-    """Return the upper end of the 95 % Wilson interval of that fraction, shape (slots, n_epsilon, n_delta)."""
+    """Return the upper end of the 95 % Wilson interval of `slot_fraction`, shape (slots, n_epsilon, n_delta)."""
     return in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
 
 
@@ -64,7 +64,7 @@ def unlisted_fraction(cells: Cells) -> np.ndarray:
 
 
 def observed_periods(cells: Cells) -> np.ndarray:
-    """Return the forcing periods of observation of chaotic or undecided samples; NaN where every sample settled."""
+    """Return each cell's shortest observation time of chaotic or undecided samples; NaN where every sample settled."""
     least = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmin.at(least, cells.attractors.cell, cells.attractors.watched)
     return least.reshape(cells.shape)
@@ -76,7 +76,7 @@ def lyapunov(cells: Cells) -> np.ndarray:
 
 
 def _sum(cells: Cells, weights: np.ndarray) -> np.ndarray:
-    """Return the sums over the attractors of each cell, shape (n_epsilon, n_delta)."""
+    """Return the sum of `weights` over the attractors of each cell, shape (n_epsilon, n_delta)."""
     return np.bincount(cells.attractors.cell, weights, cells.delta.size * cells.epsilon.size).reshape(cells.shape)
 
 
@@ -120,14 +120,14 @@ def impulse_balance_error(cells: Cells) -> np.ndarray:
 
 
 def _largest(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the largest value of each cell; NaN, for attractors without exponents, does not count."""
+    """Return the largest of `values` over the attractors of each cell, ignoring NaN (attractors without exponents)."""
     largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmax.at(largest, cells.attractors.cell, values)
     return largest.reshape(cells.shape)
 
 
 def status(cells: Cells) -> np.ndarray:
-    """Return the status of cells that did not fail: some samples undecided, or none."""
+    """Return the status of cells that did not fail: SOME_UNDECIDED if a sample is undecided, else OK."""
     if not cells.count:
         return np.full(cells.shape, OK)
     return np.where(fraction("undecided")(cells) > 0, SOME_UNDECIDED, OK)

@@ -12,7 +12,7 @@ _MODEL = "equation 2.4 of doi:10.1137/090759641, impact by impact"
 _PER = "per forcing period"
 _LEVEL = "in dB relative to 2π²δ², that of A and C"
 
-#: Fields stored for every attractor, for the sample, and for the worst attractor: name, description.
+#: Name and description of each field. A field is stored for every attractor, the whole sample, and the worst attractor.
 _FIELDS = (
     ("impacts_plus", f"impacts on or contacts with Σ+ {_PER}"),
     ("impacts_minus", f"impacts on or contacts with Σ- {_PER}"),
@@ -26,7 +26,7 @@ _ERRORS = tuple(each for each in _FIELDS if each[0] not in ("largest_speed", "le
 
 
 def _of_attractors(cells: Cells, field: str) -> np.ndarray:
-    """Return a field of every row of the table of attractors."""
+    """Return a field of every attractor of the cells."""
     if field == "level":
         return _levels(cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size])
     return np.asarray(getattr(cells.intensities, field))
@@ -42,7 +42,7 @@ def _slots(field: str) -> Evaluate:
 
 
 def _mean(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the mean over the sample of each cell; NaN if it is unknown for some samples."""
+    """Return the mean of a field over the samples of each cell; NaN if the field is unknown for one of them."""
     won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
     return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
 
@@ -63,7 +63,7 @@ def _of_sample(cells: Cells, field: str) -> np.ndarray:
     if field == "largest_speed":
         largest = np.zeros(cells.delta.size * cells.epsilon.size)
         won = cells.attractors.samples > 0
-        with np.errstate(invalid="ignore"):  # NaN is the largest
+        with np.errstate(invalid="ignore"):  # NaN counts as the largest value
             np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
         return largest
     if field == "level":

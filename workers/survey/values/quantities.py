@@ -40,7 +40,7 @@ _CURVE = ("grazing_curve", "delta")
 
 _nan = float("nan")
 
-#: In the order of the store; `status` is last because a tile is done when its status says so.
+#: Variables in the order of the store. `status` is last: a tile whose status is written is complete.
 QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         "region",
@@ -429,22 +429,22 @@ def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
 
 
 def stored(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the stored variables of these groups: those of `held`, with both parts of complex ones."""
+    """Return the stored variables of these groups: `held`, with a real and an imaginary part for complex variables."""
     return tuple(part for quantity in held(groups, model, more) for part in quantity.parts)
 
 
 def held(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, further ones, and `status`."""
+    """Return the variables of these groups that a model has, then the variables `more`, then `status`."""
     wanted = {*groups, None}
     *found, status = (each for each in QUANTITIES if each.group in wanted and each.is_of(model))
     return *found, *more, status
 
 
 def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:
-    """Return the labels of a dimension other than δ and ε, in a survey with so many slots."""
+    """Return the labels of a dimension other than δ and ε. slots: the number of slots of the survey."""
     return tuple(range(slots)) if dim == "attractor" else COORDINATES[dim].values
 
 
 def shape_of(quantity: Quantity, cells: tuple[int, int], slots: int) -> tuple[int, ...]:
-    """Return the shape of a per-cell variable on (n_epsilon, n_delta) cells with so many slots of attractors."""
+    """Return the shape of a per-cell variable. cells: (n_epsilon, n_delta). slots: the survey's number of slots."""
     return *(len(labels_of(dim, slots)) for dim in quantity.dims[:-2]), *cells

@@ -13,7 +13,7 @@ from rattle.models import MODELS, OTHERS, Capability
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
 FIXED = OTHERS  # parameters that are coordinates of a whole survey
-#: Variables that describe periodic attractors; those of other attractors belong to an arbitrary state.
+#: Variables that mean something for periodic attractors only; for others they belong to an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})
 PARTS = {"real": "real part", "imag": "imaginary part"}  # parts of a complex variable, stored separately
 
@@ -44,7 +44,7 @@ SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 #: The groups that are computed only on request: basins cost several times as much as all others, and intensities are
 #: two dozen variables that few users need.
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
-#: The groups from which another one is made, and which a request for that one includes.
+#: By group: the groups from which it is computed. A request for the group includes them.
 NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
 #: The capability that a model needs for all variables of a group.
 GROUP_NEEDS = {
@@ -80,7 +80,7 @@ class Quantity:
 
     @property
     def fill(self) -> int | float | complex | bool:
-        """Value of an entry that is not computed, or whose object does not exist: NaN, False or 0."""
+        """Fill value of the variable, where nothing is computed or the described object does not exist."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
@@ -96,7 +96,7 @@ class Quantity:
 
     @property
     def parts(self) -> tuple["Quantity", ...]:
-        """Stored parts: the variable itself, or both parts of complex numbers, which few readers know."""
+        """The stored variables: itself, or real and imaginary part if it is complex, which few programs can read."""
         if np.dtype(self.dtype).kind != "c":
             return (self,)
         return tuple(
