@@ -112,7 +112,11 @@ MUTATIONS = {
         "force_plus * u - force_minus",
         "force_plus * u + force_minus",
     ),
-    "motions that leave Σ⁻ the wrong way": ("areas/two_impacts", "sigma_minus = self.solution.over[3] > 0", "sigma_minus = True"),
+    "motions that leave Σ⁻ the wrong way": (
+        "areas/two_impacts",
+        "sigma_minus = self.solution.over[3] > 0",
+        "sigma_minus = True",
+    ),
     "a graze that is compared with the wrong edge": (
         "areas/two_impacts",
         "self.combination(-1) < -high",
