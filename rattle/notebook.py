@@ -1,4 +1,4 @@
-"""Displays of results: in a line, in a notebook as a table, and as what pandas and xarray work with."""
+"""Displays of results: as one line, as a table in a notebook, and as objects of pandas and xarray."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 else:
-    DataFrame = Dataset = Figure = Any  # who asks for one has them
+    DataFrame = Dataset = Figure = Any  # at run time these packages are imported on demand only
 
-ROWS = 12  # of a table in a notebook; of longer ones the first and the last
+#: Most rows of a table in a notebook; a longer table shows its first and its last rows.
+ROWS = 12
 
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 
 
 class Shown(Protocol):
-    """A result that can say what it is."""
+    """A result with a caption and a table."""
 
     def _caption(self) -> str:
-        """Return the result in a line."""
+        """Return a description of the result in one line."""
 
     def _columns(self) -> Columns:
-        """Return the result's table, columns of the same length by their names."""
+        """Return the table of the result: columns of the same length, by name."""
 
 
 class Tabular:
-    """The part of a result that shows it: in a line, in a notebook as a table, and as a DataFrame."""
+    """Base class of results that are shown as one line, as a table in a notebook, and as a DataFrame."""
 
     def __repr__(self: Shown) -> str:
         """Return a one-line description."""
@@ -45,7 +46,7 @@ class Tabular:
         return html_of(self)
 
     def to_dataframe(self: Shown) -> DataFrame:
-        """Return the result's table.
+        """Return the table of the result.
 
         Returns
         -------
@@ -82,7 +83,7 @@ def dataframe_of(result: Shown) -> DataFrame:
 def dataset_of(
     variables: Mapping[str, tuple[Any, ...]], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]
 ) -> Dataset:
-    """Return an xarray.Dataset; arguments as its own. Raises MissingExtraError without xarray."""
+    """Return an xarray.Dataset, with the arguments of its constructor. Raises MissingExtraError without xarray."""
     try:
         import xarray
     except ModuleNotFoundError as error:
@@ -91,9 +92,9 @@ def dataset_of(
 
 
 def figure_of(result: Shown, drawn_by: str) -> Figure:
-    """Return the picture of a result, by this function of `rattle.plot`, which is loaded by its name.
+    """Return the picture of a result; drawn_by: the name of the function of `rattle.plot` that draws it.
 
-    `rattle.plot` knows all results, so results do not import it.
+    The function is loaded by its name, because `rattle.plot` imports the modules of all results.
 
     Returns
     -------
@@ -115,7 +116,7 @@ def motion_label(m: int, n_plus: int, n_minus: int) -> str:
 
 
 def table_of(columns: Columns) -> str:
-    """Columns as plain text, a line for each row below a line of names."""
+    """Return columns as plain text: a line of names, then a line for each row."""
     texts = [[name, *map(_text, values)] for name, values in columns.items()]
     widths = [max(map(len, column)) for column in texts]
     return "\n".join(
@@ -125,7 +126,7 @@ def table_of(columns: Columns) -> str:
 
 
 def html(caption: str, columns: Columns) -> str:
-    """Return a table; of a long one the first and the last rows."""
+    """Return a table as HTML; of a long table the first and the last rows."""
     length = max((len(values) for values in columns.values()), default=0)
     shown: Iterable[int | None] = range(length)
     if length > ROWS:
@@ -136,11 +137,13 @@ def html(caption: str, columns: Columns) -> str:
 
 
 def _cells(columns: Columns, row: int | None) -> str:
+    """Return the HTML cells of a row; None: the row of dots in the middle of a long table."""
     texts = ("…" if row is None else _text(values[row]) for values in columns.values())
     return "".join(f"<td>{escape(text)}</td>" for text in texts)
 
 
 def _text(value: Any) -> str:
+    """Return a value as text with at most six digits."""
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, complex | np.complexfloating):

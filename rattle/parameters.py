@@ -1,4 +1,4 @@
-"""Parameters: which numbers a model has beside δ and ε (`Parameter`), and their values (`Parameters`)."""
+"""The parameters of models: the declaration of one (`Parameter`), and the values of all (`Parameters`)."""
 
 from __future__ import annotations
 
@@ -15,46 +15,47 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import parameters
 
 Array = NDArray[np.float64]
-Harmonic = tuple[int, float, float]  # order, amplitude over that of the first harmonic, phase in turns
+Harmonic = tuple[int, float, float]  # (order, amplitude over that of the first harmonic, phase in turns)
+#: Most harmonics of a forcing, and their highest order.
 MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a gear, greater than 0, that all cells of a plane of (δ, ε) have: declared once for every use of it.
+    """The declaration of a parameter besides δ and ε, which has one value in all cells of a (δ, ε) plane.
 
     Parameters
     ----------
     name : str
-        Its name in code, requests, stores and options.
+        The name in code, requests, stores and options.
     symbol : str
-        Its letter in texts.
+        The letter in texts.
     label : str
-        Its name in words, such as "half-backlash".
+        The name in words, such as "half-backlash".
     of : str
-        The part of the gear that has it, such as "the walls"; empty if that is the gear.
+        The part of the gear that has the parameter, such as "the walls"; empty for the gear as a whole.
     default : float, optional
-        Its value where none is given; None: it must be given.
+        The value if none is given; None: a value is required.
     example : float
-        A value to offer.
+        A value that forms and messages suggest.
     least, greatest : float
-        The values that a form offers from, and that a request allows up to.
+        The least value that a form offers, and the largest value that a request allows.
     unit : str
-        Its unit, "1" for a number without one.
+        The unit, "1" for a dimensionless number.
     is_axis : bool
-        Whether it may be the third axis of a survey.
+        Whether the parameter may be the third axis of a survey.
     path_power : float
-        The power of it that changes evenly along a path of parameters.
+        The power of the parameter that changes linearly along a path of parameters.
     path_label : str
-        The name of that power in words, for an axis.
+        The name of this power in words, for an axis.
     may_be_zero : bool
-        Whether 0 is allowed too.
+        Whether the value 0 is allowed; all values are at least 0.
     machine_number : str, optional
-        The number of a `rattle.Machine` that makes it.
+        The number of a `rattle.Machine` that determines the parameter.
     machine_text, machine_absent : str
-        What that number is, and what it means that there is none, for options and forms.
+        A description of this number, and the meaning of its absence, for options and forms.
     of_machine : callable, optional
-        From that number and the `rattle.machine.conversion.Reduced` gears to its value.
+        Function of this number and of a `rattle.machine.conversion.Reduced` that returns the value.
     """
 
     name: str
@@ -77,30 +78,30 @@ class Parameter:
 
     @property
     def long_name(self) -> str:
-        """Return the parameter's name in words with its letter."""
+        """The name in words with the letter, such as "half-backlash β"."""
         return f"{self.label} {self.symbol}"
 
     @property
     def in_words(self) -> str:
-        """Return the parameter's name and letter in a list of what a gear has, such as "walls" and their stiffness."""
+        """The name for a list of what a gear has, such as "walls of stiffness κ"."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
 
     @property
     def advice(self) -> str:
-        """Advice for the value, in words."""
+        """A suggestion for the value, in words."""
         return f"such as {self.example:g}"
 
     @property
     def described(self) -> str:
-        """Return the parameter's name in words, with the part of the gear that has it."""
+        """The name in words with the part of the gear that has the parameter, such as "stiffness of the walls"."""
         return f"{self.label} of {self.of}" if self.of else self.label
 
 
 def parameters_in(module: str) -> tuple[Parameter, ...]:
-    """Return what the file `declaration.toml` beside a module declares.
+    """Return the parameters that the file `declaration.toml` in the folder of a module declares.
 
-    It is a file because commands and the client read it too, which do not load the library.
+    They are declared in a file because commands and the client read them without loading the library.
 
     Returns
     -------
@@ -116,9 +117,9 @@ BETA = Parameter("beta", "β", "half-backlash", default=0.6, example=0.6)
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Values of all parameters of a model: of one point or of many, arrays of one shape.
+    """The values of all parameters of a model at one point or at many, as arrays of one shape.
 
-    `Parameters.of` checks them; kernels take the arrays apart at their border only.
+    `Parameters.of` checks and broadcasts values.
 
     Parameters
     ----------
@@ -127,9 +128,9 @@ class Parameters:
     delta, epsilon, beta : ndarray
         Damping, eccentricity and half-backlash.
     added : mapping of str to ndarray
-        What the model has besides, by name, in the order of its declaration.
+        The parameters that the model adds, by name, in the order of its declaration.
     harmonics : tuple of Harmonic
-        The shape of the forcing beside its first harmonic, the same at all points.
+        The harmonics of the forcing besides the first, the same at all points.
     """
 
     model: str
@@ -141,33 +142,33 @@ class Parameters:
 
     @classmethod
     def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
-        """Broadcast values to one shape. Raises ParameterError where one is outside its domain."""
-        # copies, for kernels: what is broadcast cannot be written to
+        """Check values and broadcast them to one shape. Raises ParameterError if one is outside its domain."""
+        # copies, because kernels need arrays that are contiguous and writable
         d, e, b, *others = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **added))
         return cls(model, d, e, b, dict(zip(added, others, strict=True)))
 
     @property
     def named(self) -> dict[str, Array]:
-        """Return all values by name."""
+        """All values by name."""
         return {"delta": self.delta, "epsilon": self.epsilon, "beta": self.beta, **self.added}
 
     @property
     def others(self) -> dict[str, Array]:
-        """Return all values but δ and ε, by name."""
+        """All values but δ and ε, by name."""
         return {"beta": self.beta, **self.added}
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the arrays."""
+        """The shape of the arrays."""
         return self.delta.shape
 
     @property
     def size(self) -> int:
-        """Number of points."""
+        """The number of points."""
         return self.delta.size
 
     def flat(self) -> Parameters:
-        """Return the points in C order, arrays (size,) of their own."""
+        """Return the points in C order as new arrays (size,)."""
         return self._each(lambda x: np.array(x, order="C").ravel())
 
     def take(self, which: Any) -> Parameters:
@@ -175,11 +176,11 @@ class Parameters:
         return self._each(lambda x: np.ascontiguousarray(x[which]))
 
     def repeat(self, count: int) -> Parameters:
-        """Return each point so many times, one after the other."""
+        """Return each point `count` times in a row."""
         return self._each(lambda x: np.repeat(x, count))
 
     def towards(self, other: Parameters, share: float) -> Parameters:
-        """Return the points at a share of the way to others of the same model."""
+        """Return the points at a share of the way to other points of the same model."""
         if share == 1.0:
             return other
         mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
@@ -187,14 +188,15 @@ class Parameters:
         return Parameters(self.model, delta, epsilon, beta, mixed, self.harmonics)
 
     def with_harmonics(self, harmonics: tuple[Harmonic, ...]) -> Parameters:
-        """Return the same points with this shape of the forcing."""
+        """Return the same points with these harmonics of the forcing besides the first."""
         return replace(self, harmonics=harmonics)
 
     def point(self, number: int = 0) -> dict[str, float]:
-        """Return the values of one of many points by name."""
+        """Return the values at one of many points by name."""
         return {name: float(x[number]) for name, x in self.named.items()}
 
     def _each(self, change: Any) -> Parameters:
+        """Return the points with a function applied to each array."""
         added = {name: change(x) for name, x in self.added.items()}
         return Parameters(
             self.model, change(self.delta), change(self.epsilon), change(self.beta), added, self.harmonics

@@ -1,4 +1,4 @@
-"""Measured impacts beside what the model has: of an experiment, or of anybody's simulation."""
+"""Compare measured impacts, of an experiment or another simulation, with the attractors of a gear."""
 
 from rattle.comparison.compare import Comparison, Near, compare
 from rattle.comparison.measured import MeasuredImpacts, measured, read_csv

@@ -1,4 +1,4 @@
-"""Measured impacts beside the attractors of a gear."""
+"""Compare measured impacts with the attractors of a gear."""
 
 from __future__ import annotations
 
@@ -17,19 +17,24 @@ from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
 from rattle.models import AnyGear, model_at
 
+#: Default of `tolerance`.
 TOLERANCE = 0.05
-WATCHED = 1000.0  # forcing periods of a chaotic attractor
+#: Forcing periods for which a chaotic attractor is followed.
+WATCHED = 1000.0
 MOST_BINS = 10_000
-FARTHEST = 0.5  # revolutions, for which an impact counts that only one of two motions has
-GRID = 720  # phases at which distributions are compared
+#: Distance in forcing periods that an impact counts which only one of two motions has.
+FARTHEST = 0.5
+#: Number of phases at which distributions are compared.
+GRID = 720
 Array = NDArray[np.float64]
 
 
 class Near(NamedTuple):
-    """An attractor of the gear beside what was measured.
+    """An attractor of the gear, compared with the measured impacts.
 
-    distance: by how many revolutions its impacts would have to be moved in phase, wall by wall, summed over those of
-    one forcing period; an impact too many or too few counts 1/2. histogram (2, bins): see `Comparison`.
+    intensity: its intensity. histogram (2, bins): its impacts, as in `Comparison`.
+    distance: the sum of the phase shifts, in forcing periods, that move the impacts of one forcing period to the
+    measured ones, wall by wall; an impact too many or too few counts 1/2.
     """
 
     attractor: Attractor
@@ -40,16 +45,23 @@ class Near(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """Measured impacts beside the attractors of a gear, the nearest first.
+    """Measured impacts, compared with the attractors of a gear.
 
-    impacts per forcing period, without false ones; energy: Σv²/2 per forcing period, None without speeds. label:
-    (m, n₊, n₋) if they repeat themselves, else None. wall (n,): as measured, or as fits best, 0 of a false impact, one
-    that is none of the motion. offset: the time of phase 0 in forcing periods, given or such that the impacts fit best;
-    offset_interval: its 95 % interval, of no width where it was given; other_offsets: phases that fit about as well,
-    with their intervals. is_sure (n,): False of impacts that have another wall at an end of the interval, or at one of
-    the other offsets, and of false ones. misfit: how much of their speeds, which follow from the times, impacts
-    change, 0 for motions of this gear, 1 at most; near 1/2 for times at random: walls, label and offset mean nothing
-    then. histogram (2, bins): impacts per forcing period on Σ⁺ and Σ⁻ in equal parts of the phase.
+    A false impact is a measured impact that does not belong to the motion.
+
+    impacts: the number of impacts per forcing period, without false ones.
+    energy: Σv²/2 per forcing period, None without measured speeds.
+    label: (m, n₊, n₋) if the impacts repeat, else None.
+    wall (n,): the wall of each impact, as measured or as fits best; 0 for a false impact.
+    offset: the time of phase 0 in forcing periods, as given or as fits best.
+    offset_interval: its 95 % interval, of width 0 if it was given.
+    other_offsets: other times of phase 0 that fit about as well, with their intervals.
+    is_sure (n,): whether an impact has the same wall at both ends of the interval and at all other offsets; False for a
+    false impact.
+    misfit: the mean relative change of speed at an impact, from 0 to 1, where speeds follow from the times. It is 0 for
+    motions of this gear and near 1/2 for random times; then walls, label and offset mean nothing.
+    histogram (2, bins): impacts per forcing period on Σ⁺ and Σ⁻ in equal intervals of the phase.
+    near: the attractors of the gear, the nearest first.
     """
 
     impacts: float
@@ -75,22 +87,35 @@ def compare(
     count: int = 64,
     seed: int = 0,
 ) -> Comparison:
-    """Compare measured impacts with the attractors that `count` samples of this gear find.
-
-    Raises ParameterError, and RattleError where an attractor cannot be followed.
+    """Compare measured impacts with the attractors of a gear.
 
     Parameters
     ----------
+    measured : MeasuredImpacts
+        The measured impacts.
+    gear : AnyGear
+        The gear.
     offset : float | None
-        The time of phase 0, at which the transmission error closes the gap at Σ⁺ most, in forcing periods; None: as
-        fits best.
+        The time of phase 0 in forcing periods, at which the transmission error closes the gap at Σ⁺ most. By default
+        the time that fits best.
+    bins : int
+        Number of intervals of the phase in histograms.
     tolerance : float
-        Of the times between repeated impacts, over the mean time between impacts.
+        Largest scatter of the times after a whole period, over the mean time between impacts, of impacts that repeat.
+    count, seed : int
+        The sample that finds the attractors, as in `Gear.attractors`.
 
     Returns
     -------
     Comparison
-        The attractors by rising distance.
+        The walls and the phase of the impacts, and the attractors by rising distance.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    RattleError
+        If an attractor cannot be followed.
     """
     bins = require_integer("bins", bins, 1, MOST_BINS)
     tolerance = require_number("tolerance", tolerance, positive=True)
@@ -109,12 +134,12 @@ def compare(
 
 
 def _badness(found: Comparison) -> float:
-    """Return how badly a choice of the phase fits: the gear, and the nearest of its attractors."""
+    """Return how badly an offset fits: the misfit, plus the distance of the nearest attractor."""
     return found.misfit + (found.near[0].distance if found.near else 0.0)
 
 
 def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Comparison:
-    """Return a comparison with the intervals of its own fit, the first, and of others about as good, and sure walls."""
+    """Return a comparison with intervals and sure walls, from its own fit, the first, and others that are as good."""
     own, *others = (interval(fitting, each) for each in near)
     sharp = fitting._replace(unit=near[0].unit)
     walls = [fit(sharp, end).wall for end in own] + [each.wall for each in near]
@@ -127,7 +152,7 @@ def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Compar
 
 
 class _Known(NamedTuple):
-    """Sorted phases of an attractor's impacts on either wall, each of which stands for this rate."""
+    """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻; rate: impacts per period for each of them."""
 
     attractor: Attractor
     intensity: Intensity
@@ -137,6 +162,7 @@ class _Known(NamedTuple):
 
 
 def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
+    """Compute the impacts and the intensity of an attractor."""
     periods = None if attractor.kind == "periodic" else WATCHED
     impacts, rate = gear.impacts(attractor, periods), 1.0 / (attractor.m if periods is None else periods)
     phases = _phases(impacts.time, impacts.wall)
@@ -144,6 +170,7 @@ def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
 
 
 def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
+    """Compare the measured impacts, with the walls and the offset of a fit, with all attractors."""
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
     label = period_of(time, wall, tolerance)
@@ -174,24 +201,26 @@ def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: in
 
 
 def _phases(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
-    """Sorted phases of the impacts on Σ⁺, then on Σ⁻."""
+    """Return the sorted phases of the impacts on Σ⁺, and of those on Σ⁻."""
     phase = np.asarray(time, np.float64) % 1.0
     return [np.sort(phase[wall == side]) for side in (1, -1)]
 
 
 def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
+    """Return impacts per forcing period (2, bins) in equal intervals of the phase."""
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 
 
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
-    """Return the distance of two distributions of phases, which stand for rate_a and rate_b impacts per period.
+    """Return the earth mover's distance of two distributions of phases on the circle.
 
-    Around a circle the earth mover's distance is the mean of |F − G − its median| of the distribution functions.
+    rate_a, rate_b: impacts per period for each phase in a and b. With the distribution functions F and G the distance
+    is the mean of |F − G − median(F − G)|.
 
     Returns
     -------
     float
-        Dimensionless; impacts that only one of the two has count FARTHEST each.
+        The distance in forcing periods; an impact that only one distribution has counts FARTHEST.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

@@ -1,4 +1,4 @@
-"""Impacts that were measured: checked, read from a table, and the period with which they repeat."""
+"""Measured impacts: check them, read them from a table, and find the period with which they repeat."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import real_array, require
 from rattle.numerics.tables import read_columns
 
-LEAST = 8  # impacts
-SHORTEST = 1e-9  # forcing periods between the first and the last: they are not told apart at less
-LONGEST = 512  # impacts of a period
-REPEATS = 3  # of a period that are seen
-CLOSER, SAME = 1.5, 1e-3  # times; of what is allowed, below which all repeat alike
+#: Least number of impacts.
+LEAST = 8
+#: Least time between the first and the last impact, in forcing periods.
+SHORTEST = 1e-9
+#: Most impacts of a repeating period.
+LONGEST = 512
+#: Least number of repetitions of a period in the data.
+REPEATS = 3
+#: A longer period is preferred if the scatter of the shorter one is larger by the factor CLOSER. Scatters below SAME
+#: times the allowed scatter count as equal.
+CLOSER, SAME = 1.5, 1e-3
 COLUMNS = ("time", "speed", "wall")
 Array = NDArray[np.float64]
 
 
 class MeasuredImpacts(NamedTuple):
-    """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions.
+    """Measured impacts in their order, as arrays (n,).
 
-    Speeds of arrival of the model, and walls, +1 where the driving side of the teeth meets, or −1, None where these
-    were not measured.
+    time: times in forcing periods. speed: speeds before the impact in the model's unit, None if not measured.
+    wall: 1 for the driving flank of the teeth (Σ⁺) and −1 for the other one, None if not measured.
     """
 
     time: Array
@@ -34,19 +40,26 @@ class MeasuredImpacts(NamedTuple):
 
     @property
     def span(self) -> float:
-        """Forcing periods from the first impact to the last."""
+        """The time from the first to the last impact in forcing periods."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def impacts(self) -> float:
-        """Impacts per forcing period."""
+        """The number of impacts per forcing period."""
         return (self.time.size - 1) / self.span
 
 
 def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> MeasuredImpacts:
-    """Return measured impacts (n,) at rising times in forcing periods.
+    """Check measured impacts (n,).
 
-    Speeds ≥ 0, in the model's unit, and walls ±1 are given where they are known.
+    Parameters
+    ----------
+    time : ArrayLike
+        Rising times in forcing periods.
+    speed : ArrayLike | None
+        Speeds ≥ 0 before the impacts, in the model's unit, if they are known.
+    wall : ArrayLike | None
+        The walls, 1 for Σ⁺ and −1 for Σ⁻, if they are known.
 
     Returns
     -------
@@ -60,11 +73,11 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     """
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
-    require(times.size >= LEAST, f"there are {times.size} impacts: give {LEAST} at least")
+    require(times.size >= LEAST, f"there are {times.size} impacts: give at least {LEAST}")
     require(bool(np.isfinite(times).all() and (np.diff(times) > 0).all()), "times must be finite and rise")
     require(
         times[-1] - times[0] > SHORTEST,
-        f"all impacts lie within {times[-1] - times[0]:g} forcing periods: in which unit are the times?",
+        f"all impacts are within {times[-1] - times[0]:g} forcing periods: give the times in forcing periods",
     )
     speeds, walls = None, None
     if speed is not None:
@@ -80,18 +93,18 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
 
 
 def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> MeasuredImpacts:
-    """Read impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
+    """Read measured impacts from a CSV table with a header: a column `time`, and optional columns `speed` and `wall`.
 
     Parameters
     ----------
     time_unit, speed_unit : float
-        What a forcing period and a unit of speed of the model are in the table's units: `units.time` and
-        `units.velocity` of a `Machine` for seconds and m/s.
+        The sizes of a forcing period and of the model's unit of speed in the units of the table. For a table in seconds
+        and m/s they are `units.time` and `units.velocity` of a `Machine`.
 
     Returns
     -------
     MeasuredImpacts
-        With times in forcing periods and speeds in the model's unit.
+        The impacts, with times in forcing periods and speeds in the model's unit.
 
     Raises
     ------
@@ -106,15 +119,15 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 
 
 def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
-    """Return the label (m, n₊, n₋) of impacts that repeat themselves; None if they do not.
+    """Return the label (m, n₊, n₋) of impacts that repeat, or None if they do not.
 
-    It is that of the shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+    The label is that of the shortest period, unless a longer period, such as after a doubling, has a scatter smaller by
+    the factor CLOSER.
 
     Parameters
     ----------
     tolerance : float
-        Root mean square of how much earlier or later they are after m whole periods, over the mean time between
-        impacts.
+        Largest root mean square of the time differences after m forcing periods, over the mean time between impacts.
 
     Returns
     -------

@@ -1,9 +1,10 @@
-"""Find the wall of each of a series of impacts, and phase 0, from their times alone.
+"""Find the wall of each measured impact, and the time of phase 0, from the times of the impacts.
 
-A flight from wall a at t₀ to wall b at t₁ has its velocities w₀, w₁ in closed form (`rattle.flight.between`). Those of
-the walls that were met point into the gap and back out of it, and an elastic impact turns w₁ of one flight into −w₀ of
-the next. The walls that fit best are found by dynamic programming (Viterbi), for many phases at once; up to MOST_FALSE
-impacts in a row may be false, that is none of the motion.
+A flight from wall a at t₀ to wall b at t₁ has velocities w₀ and w₁ in closed form (`rattle.flight.between`). For the
+right walls w₀ points away from a and w₁ points towards b, and an elastic impact gives the next flight w₀ = −w₁. The
+walls that fit best are found by dynamic programming (Viterbi), for many offsets at once. An offset is the time of phase
+0. Up to
+MOST_FALSE impacts in a row may be false: they do not belong to the motion.
 """
 
 from __future__ import annotations
@@ -21,33 +22,57 @@ from rattle.flight.law import speed_unit, wrapped
 from rattle.models import AnyGear
 from rattle.numerics.compile import inline, kernel
 
-PHASES = 96  # that are tried; then about each of the FEW best, MORE, and so on
-FINER, FINER_PHASES, FEW = 16.0, 384, 8  # tried too: more phases, with a unit so many times smaller
-TWINS, MOST_TWINNED = 1024, 3  # phases at which the walls of so many fits are tried: A and C have the same
-POOR = 0.25  # a misfit from which impacts are none of this gear
+#: Number of offsets that are tried; the FEW best are refined.
+PHASES = 96
+FEW = 8
+#: A second search has FINER_PHASES offsets and a speed tolerance smaller by the factor FINER.
+FINER, FINER_PHASES = 16.0, 384
+#: Number of offsets at which the walls of the MOST_TWINNED best fits are tried again, because A and C have the same
+#: walls.
+TWINS, MOST_TWINNED = 1024, 3
+#: Misfit above which impacts are not those of this gear.
+POOR = 0.25
+#: Largest difference of two offsets that are the same.
 SAME_OFFSET = 1e-4
+#: Intervals in each refinement of an offset, and the number of refinements.
 MORE, ROUNDS = 16, 4
-RESOLUTION = (2.0 / MORE) ** ROUNDS / PHASES  # of the phase that is found, in forcing periods
-LISTENED = 256  # impacts from which phase 0 is found
-HOPEFUL = 3.0, 0.1  # a misfit of so many times the least and so much more may become the least
-AS_GOOD = 3.0, 0.02  # a misfit of so many times the least and so much more is as good
-SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3  # times that the unit is made smaller, by how much, and to what at least
-SCATTER = 4.0  # medians of what speeds are off by, which are the unit then
-WORST = 4.0  # cost at most of an impact, and of a flight that goes the wrong way
-FALSE, MOST_FALSE = 6.0, 2  # cost of an impact that is none of the motion, and how many of them there may be in a row
-AT_RANDOM = 0.5  # misfit of such an impact
-FARTHEST, STEPS = 0.25, 128  # forcing periods from the phase found, and steps, in which its interval is sought
-TOGETHER = 4  # impacts whose errors may depend on each other: one that is late moves its neighbours' misfits too
-ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])  # the walls at which a flight begins and ends
+#: Accuracy of an offset in forcing periods.
+RESOLUTION = (2.0 / MORE) ** ROUNDS / PHASES
+#: Number of impacts from which the offset is found.
+LISTENED = 256
+#: Fits are kept if their misfit is at most this factor times the least one plus this summand: before refinement, and at
+#: the end.
+HOPEFUL = 3.0, 0.1
+AS_GOOD = 3.0, 0.02
+#: The speed tolerance is reduced SHARPENINGS times by at most the factor SHARPER, down to FINEST times the unit of
+#: speeds.
+SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
+#: The reduced speed tolerance, over the median error of speeds.
+SCATTER = 4.0
+#: Largest cost of an impact, and cost of a flight in the wrong direction.
+WORST = 4.0
+#: Cost of a false impact, and most false impacts in a row.
+FALSE, MOST_FALSE = 6.0, 2
+#: Misfit of a false impact.
+AT_RANDOM = 0.5
+#: Largest distance from an offset in which its interval is searched, in forcing periods, and the number of steps.
+FARTHEST, STEPS = 0.25, 128
+#: Number of neighbouring impacts whose errors are correlated: an impact that is late changes the misfits of others.
+TOGETHER = 4
+#: The walls at which a flight may begin and end.
+ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
 Array = NDArray[np.float64]
 Walls = NDArray[np.int64]
 
 
 class Fit(NamedTuple):
-    """wall (n,) of each impact, 0 of one that is none of the motion.
+    """The walls and the offset with which impacts fit a gear.
 
-    Offset: the time of phase 0, in [0, 1); misfit: mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, 0 for motions of
-    the gear, with 1/2 for each false impact; unit: of what speeds are off by.
+    wall (n,): the wall of each impact, 0 for a false impact.
+    offset: the time of phase 0, in [0, 1).
+    misfit: the mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, with 1/2 for each false impact; 0 for motions of the
+    gear.
+    unit: the speed tolerance, the unit of errors of speeds.
     """
 
     wall: Walls
@@ -57,9 +82,9 @@ class Fit(NamedTuple):
 
 
 class Fitting(NamedTuple):
-    """Measured impacts, and the gear that they are fitted to.
+    """Measured impacts, and the gear to which they are fitted.
 
-    unit: of what speeds are off by; dwell: how long contacts last, in forcing periods.
+    unit: the speed tolerance. dwell: the duration of a contact in forcing periods, 0 for impacts.
     """
 
     measured: MeasuredImpacts
@@ -69,21 +94,19 @@ class Fitting(NamedTuple):
 
     @property
     def listened(self) -> Fitting:
-        """The impacts from which phase 0 is found."""
+        """The first LISTENED impacts, from which the offset is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:LISTENED]
         return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
 
 
 def fits(fitting: Fitting) -> list[Fit]:
-    """Return the walls, and phases 0, with which impacts fit a gear, the best first.
-
-    The same times may be those of several motions, such as A and C.
+    """Return the fits of impacts to a gear. There may be several, because motions such as A and C have the same times.
 
     Returns
     -------
     list[Fit]
-        By rising misfit.
+        The fits by rising misfit.
     """
     few = fitting.listened
     rough = []
@@ -107,20 +130,20 @@ def fits(fitting: Fitting) -> list[Fit]:
 
 
 def _lowest(costs: Array) -> NDArray[np.int64]:
-    """Return where costs around a circle are least, the FEW lowest of these places."""
+    """Return the indices of the FEW lowest local minima of costs around a circle."""
     found = np.flatnonzero((costs <= np.roll(costs, 1)) & (costs <= np.roll(costs, -1)))
     return found[np.argsort(costs[found], kind="stable")][:FEW]
 
 
 def _good(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
-    """Return the fits whose misfit is not above the least by more than a margin, the best first."""
+    """Return the fits with a misfit up to factor · least + summand, the best first; margin: factor and summand."""
     found = sorted(found, key=lambda each: each.misfit)
     times, more = margin
     return [each for each in found if each.misfit <= times * found[0].misfit + more]
 
 
 def _sharpened(few: Fitting, found: Fit) -> Fit:
-    """Fit again with a smaller unit, which is how much speeds are off: then false impacts are told from true ones."""
+    """Fit again with smaller speed tolerances, down to the scatter of speeds, so that false impacts stand out."""
     finest = min(few.unit, FINEST * float(speed_unit(few.gear.delta, few.gear.epsilon, few.gear.beta)))
     for _ in range(SHARPENINGS):
         leaves, arrives = _velocities(few, found.wall, np.array([found.offset]))
@@ -131,7 +154,7 @@ def _sharpened(few: Fitting, found: Fit) -> Fit:
 
 
 def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
-    """Return the offset of least cost within a width of this one."""
+    """Return the offset of least cost within a width of an offset."""
     for _ in range(ROUNDS):
         near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
         offset = float(near[np.argmin(_followed(few, near)[0])])
@@ -140,7 +163,7 @@ def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
 
 
 def fit(fitting: Fitting, offset: float) -> Fit:
-    """Return the walls with which impacts fit a gear best if phase 0 is at this time."""
+    """Return the best fit of impacts to a gear at an offset."""
     wall = _followed(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
@@ -150,10 +173,10 @@ def fit(fitting: Fitting, offset: float) -> Fit:
 
 
 def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
-    """Return the 95 % interval of the time of phase 0 of a fit, about its offset.
+    """Return the 95 % interval of the offset of a fit.
 
-    It holds the offsets around it whose cost is not higher by more than its own standard error, from the scatter of
-    the impacts: where the cost is a parabola these are two standard errors of the offset.
+    It contains the offsets whose cost exceeds that of the fit by at most the standard error of the difference, from the
+    scatter over impacts. If the cost is a parabola, this is two standard errors of the offset.
 
     Returns
     -------
@@ -173,7 +196,7 @@ def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
 
 
 def _costs(fitting: Fitting, wall: Walls, offsets: Array) -> Array:
-    """Cost (k, ·) of every impact of a motion between two others, with these walls (n,), at offsets (k,)."""
+    """Return the costs (k, n − 2) of all impacts but the first and the last, with these walls, at offsets (k,)."""
     leaves, arrives = _velocities(fitting, wall, offsets)
     costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, WORST)
     if fitting.measured.speed is not None:
@@ -183,7 +206,7 @@ def _costs(fitting: Fitting, wall: Walls, offsets: Array) -> Array:
 
 
 def _velocities(fitting: Fitting, wall: Walls, offsets: Array) -> tuple[Array, Array]:
-    """w₀ after and w₁ before every impact on these walls (n,) but the first and the last, at offsets (k,)."""
+    """Return w₀ after and w₁ before all impacts but the first and the last, with these walls, at offsets (k,)."""
     gear, time = fitting.gear, fitting.measured.time[wall != 0]
     gaps = gear.beta * np.diff(wall[wall != 0]).astype(np.float64)
     w0, w1 = (np.empty((offsets.size, gaps.size)) for _ in range(2))
@@ -192,7 +215,7 @@ def _velocities(fitting: Fitting, wall: Walls, offsets: Array) -> tuple[Array, A
 
 
 def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
-    """Cost of the best walls at each offset (k,), and these walls (n,) at the last."""
+    """Return the cost of the best walls at each offset (k,), and the best walls (n,) at the last offset."""
     (time, speed, wall), gear = fitting.measured, fitting.gear
     n, cost, point = time.size, np.empty(offsets.size), (gear.delta, gear.epsilon, gear.beta)
     before, last = np.empty((n, MOST_FALSE + 1, len(ENDS)), np.int64), np.empty(2, np.int64)
@@ -210,15 +233,23 @@ def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
 
 @inline
 def _ends(t0, t1, dwell):
-    """Return the times at which a flight between impacts at t0 and t1 begins and ends, and sine and cosine there."""
-    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # a contact that cannot last so long
+    """Return when the flight between impacts at t0 and t1 begins and ends, and the phase factors at both times.
+
+    It begins `dwell` after t0, but at most half way to t1.
+
+    Returns
+    -------
+    tuple
+        Both times, and the phase factors.
+    """
+    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must be over before t1
     b = complex(t1)
     return a, b, analytic_phase(a), analytic_phase(b)
 
 
 @kernel
 def _between(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
-    """Fill the velocities (k, n) of flights between impacts at times (n + 1,) over distances (n,), at offsets (k,)."""
+    """Write velocities (k, n) of the flights between impacts at times (n + 1,) over distances (n,), at offsets (k,)."""
     for j in range(offsets.size):
         for i in range(gaps.size):
             t0, t1 = time[i] - offsets[j], time[i + 1] - offsets[j]
@@ -229,18 +260,19 @@ def _between(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
 
 @inline
 def _square(off):
-    """Return the cost of an error of so many units."""
+    """Return the cost of an error `off` of a speed, in units of the speed tolerance."""
     cost = off * off
-    return cost if cost < WORST else WORST  # of what is not finite too
+    return cost if cost < WORST else WORST  # also if the error is not finite
 
 
 @kernel
 def _best(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, before, last):
-    """Fill the least cost of walls at each offset (k,).
+    """Write the least cost of walls at each offset (k,), by dynamic programming.
 
-    A flight that arrives at impact i is one of skipped + 1 impacts, and of ENDS. For the last offset `before`
-    (n, MOST_FALSE + 1, 4) has the flight before each, −1 where there is none, and `last` where the best one ends, and
-    which one that is. speed: NaN if not known; known: walls, 0 if not known.
+    A flight that arrives at impact i is one of (MOST_FALSE + 1) × 4 choices: the number of false impacts that it skips,
+    and its walls in ENDS. For the last offset, before (n, MOST_FALSE + 1, 4) has the best choice of the flight before,
+    −1 if there is none; and last (2,) has the impact at which the best flight ends and its choice. speed (n,): NaN if
+    not known. known (n,): walls, 0 if not known.
     """
     n, ways = time.size, before.shape[1] * before.shape[2]
     total, arrives = np.empty(before.shape), np.empty(before.shape)
@@ -263,7 +295,7 @@ def _best(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, 
                         alone += _square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
-                        least = FALSE * k  # the motion begins with this flight
+                        least = FALSE * k  # this flight is the first of the motion
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]
                         if k > 0 and ENDS[other, 1] == begin:

@@ -12,27 +12,39 @@ import numpy as np
 
 from rattle.numerics.complex_step import Array, Function, derivatives
 
+#: Most Newton corrections of a step.
 MOST_CORRECTIONS = 8
-SMALLEST_CORRECTION = 1e-13  # relative to the unknowns and their scale
-QUADRATIC_CORRECTION = 1e-8  # from here one more would be below rounding, if the last one was much larger
+#: Correction, relative to the unknowns and their scale, at which Newton's method has converged.
+SMALLEST_CORRECTION = 1e-13
+#: Correction below which the next one would be smaller than rounding, if the one before was much larger.
+QUADRATIC_CORRECTION = 1e-8
+#: Correction above which a step is given up.
 LARGEST_CORRECTION = 0.3
-LARGE_CORRECTION = 1e-3  # beyond which the equations are prepared anew: it takes as long as to evaluate them
-ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are nearly singular
+#: Correction above which the equations are prepared again, which takes as long as to evaluate them.
+LARGE_CORRECTION = 1e-3
+#: Correction that rounding may leave where the equations are nearly singular.
+ACCEPTED_CORRECTION = 1e-11
+#: Step below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-LEAST_RATE = 1e-12  # of the parameter along a branch: a slower one limits no step
-LARGEST_TURN = 0.2  # radians between steps
+#: Least rate of the parameter along a branch that limits the step.
+LEAST_RATE = 1e-12
+#: Largest angle between the tangents of neighbouring points, in radians.
+LARGEST_TURN = 0.2
+#: Most points of a path, and most bisections for its edge.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
+#: Largest distance of two points that are the same, and of two solutions that are.
 SAME_POINT = 1e-12
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
-SMALL_DAMPING = 0.25  # below it δ and ε are solved for relative to it, above absolutely
+#: Damping below which tolerances of δ and ε are relative to the damping; above it they are absolute.
+SMALL_DAMPING = 0.25
 
 
 def plane_scale(delta: float) -> float:
     """Return the scale of differences of δ and ε near this damping.
 
-    At small damping motions change with the ratios of δ and ε to it.
+    At small damping motions depend on differences of δ and ε relative to the damping.
 
     Returns
     -------
@@ -44,10 +56,12 @@ def plane_scale(delta: float) -> float:
 
 @dataclass(frozen=True)
 class ContinuationProblem:
-    """Equations (…, N + 1) → (…, N) to follow, with their preparation and the sizes of the unknowns.
+    """N equations in N + 1 unknowns, whose solution curve is to be followed.
 
-    The preparation may rescale them at a point or at points (…, N + 1), around each of which (…, N + 1, N + 1) are
-    asked for then. The sizes at a point that count as small are 1 or (N + 1,).
+    equations: the function (…, N + 1) → (…, N).
+    prepare: called with points (…, N + 1) before the equations are evaluated near them, at (…, N + 1, N + 1); it may
+    rescale the equations.
+    scale: the size of each unknown at a point, a number or (N + 1,), relative to which corrections are small.
     """
 
     equations: Function
@@ -56,7 +70,7 @@ class ContinuationProblem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """Return the scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
+    """Return the scale of unknowns (N,) whose last one is p; the parameters are origin + p direction, δ and ε first."""
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
 
@@ -69,7 +83,7 @@ def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
 
 
 def with_row(jacobian: Array, row: Array) -> Array:
-    """Return the Jacobian (N, N + 1) and a row after it."""
+    """Return the square matrix of a Jacobian (N, N + 1) with one more row below it."""
     matrix = np.empty((row.size, row.size))
     matrix[:-1], matrix[-1] = jacobian, row
     return matrix
@@ -77,10 +91,12 @@ def with_row(jacobian: Array, row: Array) -> Array:
 
 @dataclass(frozen=True)
 class Path:
-    """Points (k, N + 1) and unit tangents of a followed curve.
+    """A curve that was followed in one direction.
 
-    `outside` is the first point that was not inside, None where the curve could not be followed on (or was long
-    enough). closed: it came back to its start, the last point.
+    points, tangents: points (k, N + 1) and unit tangents.
+    outside: the first point that is not inside; None if the curve closed, could not be followed further, or has the
+    most points.
+    closed: whether it returned to its start, which is then the last point too.
     """
 
     points: Array
@@ -90,9 +106,10 @@ class Path:
 
 
 class Course(NamedTuple):
-    """Points (k, N + 1) and unit tangents of a curve that was followed both ways from point number `start`.
+    """A curve that was followed in both directions from a start.
 
-    Paths: back and on, None if the curve closes.
+    points, tangents: points (k, N + 1) and unit tangents. start: the number of the start.
+    paths: the paths backward and forward from the start, or None if the curve is closed.
     """
 
     points: Array
@@ -102,7 +119,7 @@ class Course(NamedTuple):
 
 
 def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
-    """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
+    """Solve the equations in the hyperplane through x normal to `constraint`: (solution, corrections), or None."""
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
     for i in range(MOST_CORRECTIONS):
@@ -127,30 +144,31 @@ def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -
 
 
 def _diverges(i: int, size: Any, last: Any) -> Any:
-    """Return whether correction number i of Newton's method, of this size after one of the last, is given up.
+    """Return whether Newton's method diverges at correction number i.
 
-    Sizes are numbers, or arrays for several solutions at once.
+    size, last: the sizes of this correction and of the one before; arrays for several solutions at once.
 
     Returns
     -------
     Any
-        bool, or an array of bool of the sizes' shape.
+        A bool, or an array of them of the shape of the sizes.
     """
     return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
 
 
 def _has_converged(size: Any, last: Any) -> Any:
+    """Return whether Newton's method has converged, from the sizes of the last two corrections."""
     quadratic = (size < QUADRATIC_CORRECTION) & (size < 1e-3 * last)
     return (size < SMALLEST_CORRECTION) | quadratic | ((size < ACCEPTED_CORRECTION) & (size > 0.1 * last))
 
 
 def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
-    """Return the solutions near guesses (k, N + 1) that keep the guesses' unknown number `index`, all at once.
+    """Return the solutions near guesses (k, N + 1), each with unknown number `index` fixed at its guess.
 
     Returns
     -------
     Array
-        (k, N + 1), a row of NaN where there is no solution.
+        Solutions (k, N + 1), with a row of NaN where none was found.
     """
     x, found = guesses.copy(), np.full(guesses.shape, np.nan)
     fixed = np.zeros(x.shape[-1])
@@ -176,7 +194,7 @@ def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Arr
 
 
 def _solved_each(matrix: Array, right: Array) -> Array:
-    """Return the solutions (k, n) of systems (k, n, n); NaN where one has none."""
+    """Return the solutions (k, n) of linear systems (k, n, n), NaN for singular ones."""
     try:
         return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
     except np.linalg.LinAlgError:
@@ -199,9 +217,9 @@ def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Arra
 
 
 def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
-    """Return the tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent.
+    """Return the tangent of `tangent_at`, and the sign of the determinant of the Jacobian with the tangent as last row.
 
-    The sign stays the same all along a curve, and is the other one on a neighbour that nearly crosses it.
+    The sign is constant along a curve, and opposite on a neighbouring curve that nearly crosses it.
 
     Returns
     -------
@@ -214,28 +232,28 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
     onwards[-1] = 1.0
     try:
         tangent = np.linalg.solve(with_row(jacobian, direction), onwards)
-    except np.linalg.LinAlgError:  # the curve runs across the direction
+    except np.linalg.LinAlgError:  # the tangent is normal to `direction`
         tangent = np.linalg.svd(jacobian)[2][-1]
     unit: Array = np.asarray(tangent / np.linalg.norm(tangent), np.float64)
     return unit, float(np.linalg.slogdet(with_row(jacobian, unit))[0])
 
 
 def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
-    """Return the solution above this share of the chord from a to b."""
+    """Return the solution in the hyperplane normal to the chord from a to b, at a share of the chord; or None."""
     found = newton_on_curve(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
 
 @dataclass(frozen=True)
 class Bound:
-    """low ≤ x[index] ≤ high."""
+    """Bounds of one unknown: low ≤ x[index] ≤ high."""
 
     index: int
     low: float
     high: float
 
     def crossed(self, x: Array) -> float | None:
-        """Return the limit that x is beyond."""
+        """Return the limit that x exceeds, or None if x is within the bounds."""
         value = x[self.index]
         return self.low if value < self.low else self.high if value > self.high else None
 
@@ -243,10 +261,10 @@ class Bound:
 def last_inside(
     problem: ContinuationProblem, a: Array, b: Array, is_admissible: Callable[[Array], bool]
 ) -> tuple[Array, Array]:
-    """Return the last admissible solution between a (admissible) and b (not), and the first that is not.
+    """Return the last admissible solution between a and b, and the first one that is not admissible.
 
-    They are found by bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps
-    follow the tangent, as b may be a solution of another branch, and are shorter.
+    a is admissible and b is not. They are found by bisection, to rounding. If Newton's method fails near a singular
+    solution, the steps follow the tangent, because b may belong to another branch, and become shorter.
 
     Returns
     -------
@@ -272,17 +290,18 @@ def last_inside(
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """Return the longest step along a unit tangent: this one, and so many points over the span of the last unknown."""
+    """Return a function of a unit tangent: the longest step with at least `resolution` points over the span of p."""
     step = (span[1] - span[0]) / resolution
     return lambda tangent: min(longest, step / max(abs(float(tangent[-1])), LEAST_RATE))
 
 
 @dataclass(frozen=True)
 class Follower:
-    """Rules by which a problem is followed: bounds, admissibility and the longest step.
+    """A continuation problem with the rules by which its curve is followed.
 
-    It is followed between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)` in the
-    unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
+    bounds: the curve is followed within them. is_admissible: and as long as this is true.
+    longest: the longest step, as a function of the unit tangent, in the Euclidean norm of the unknowns.
+    twins(start, x): all ways (…, N + 1) to write the solution `start`, each as near to x as possible.
     """
 
     problem: ContinuationProblem
@@ -292,14 +311,14 @@ class Follower:
     twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def inside(self, x: Array) -> bool:
-        """Return whether x is a point of the curve that is asked for."""
+        """Return whether x is within the bounds and admissible."""
         return all(bound.crossed(x) is None for bound in self.bounds) and self.is_admissible(x)
 
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
-        """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more.
+        """Follow the curve from a solution inside, in the direction of `tangent`, until it leaves the inside or closes.
 
-        The last point is that edge, to rounding; or until it closes. The first step is at most `first`, if given:
-        curves cross at the start.
+        If it leaves, the last point is the edge of the inside, to rounding. `first` is the largest first step; it is
+        given if curves cross at the start.
 
         Returns
         -------
@@ -341,7 +360,7 @@ class Follower:
         return Path(np.array(points), np.array(tangents), None)
 
     def both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> Course:
-        """Follow the curve both ways from a solution inside; its tangent there is towards rising unknown `index`."""
+        """Follow the curve in both directions from a solution inside; forward is where unknown number `index` rises."""
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)
@@ -354,7 +373,7 @@ class Follower:
         return Course(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
-        """Return the start as a curve that comes back to it between a and b would write it, or None."""
+        """Return the start in the form of the points a and b, if the curve returns to it between them; else None."""
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
@@ -365,7 +384,7 @@ class Follower:
         return None
 
     def _edge(self, a: Array, b: Array) -> Array:
-        """Return the last point inside between a (inside) and b (not)."""
+        """Return the last point inside between a, which is inside, and b, which is not."""
         for bound in self.bounds:
             limit = bound.crossed(b)
             if limit is not None:
@@ -378,29 +397,30 @@ class Follower:
 def root_between(
     problem: ContinuationProblem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
-    """Return the solution between a and b at which a test function vanishes, or None if it cannot be found.
+    """Return the solution between a and b at which a test function is 0.
 
-    The function changes sign between a and b; the place is found to the share `tolerance` of the way.
+    The function changes its sign between a and b. tolerance: accuracy, as a share of the way from a to b.
 
     Returns
     -------
     Array | None
-        (N + 1,).
+        The solution (N + 1,), or None if Newton's method fails between a and b.
     """
 
     def value(share: float) -> float:
+        """Return the test function at a share of the way. Raises ArithmeticError if there is no solution."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError
         return test(x)
 
-    from scipy.optimize import brentq  # a quarter of a second to load
+    from scipy.optimize import brentq  # imported here, because it takes a quarter of a second
 
     try:
         ends = value(0.0), value(1.0)
-        if ends[0] * ends[1] >= 0.0:  # an end is the place, and rounding turned its sign
+        if ends[0] * ends[1] >= 0.0:  # the zero is at an end, where rounding changed the sign
             return b if abs(ends[1]) < abs(ends[0]) else a
         share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
-    except ArithmeticError:  # lost between
+    except ArithmeticError:  # Newton's method failed between a and b
         return None
     return solution_above_chord(problem, a, b, float(share))

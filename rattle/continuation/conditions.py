@@ -1,7 +1,4 @@
-"""Equations of saddle-nodes, flips and grazes of any periodic motion in the (δ, ε) plane.
-
-Also motions to follow along a line in it.
-"""
+"""Equations of saddle-nodes, flips and grazes of any periodic motion in the (δ, ε) plane."""
 
 from enum import StrEnum
 
@@ -15,18 +12,19 @@ from rattle.orbits.periodic import Equations
 
 
 class Kind(StrEnum):
-    """Event of a periodic motion; the names are those of continuation codes."""
+    """Kind of event of a periodic motion; the values are the usual abbreviations of continuation codes."""
 
     SADDLE_NODE = "SN"
     FLIP = "PD"
     GRAZING = "GR"
 
 
+#: The multiplier at a saddle-node and at a flip.
 MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
 def scale_at(x: Array) -> Array:
-    """Return the scale of unknowns (N,) of which δ and ε are the last."""
+    """Return the scale of unknowns (N,), the last two of which are δ and ε."""
     scale = np.ones(x.size)
     scale[-2:] = plane_scale(x[-2])
     return scale
@@ -35,8 +33,8 @@ def scale_at(x: Array) -> Array:
 def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> ContinuationProblem:
     """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
-    Times, δ and ε are unknown. SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity
-    0.
+    The unknowns are the n times, δ and ε. The condition besides the motion's equations is det J(1) = 0 for SN and
+    det J(−1) = 0 for PD. For GR it is that impact number `impact` is reached with velocity 0.
 
     Returns
     -------
@@ -50,17 +48,19 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     """
     if kind is Kind.GRAZING:
         if impact is None:
-            raise RattleError("a graze needs the number of the impact that grazes")
+            raise RattleError("give `impact`, the number of the impact that grazes")
         return ContinuationProblem(lambda x: itinerary.with_graze(x, impact), scale=scale_at)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 
     def prepare(x: Array) -> None:
+        """Border the Jacobian with its null vectors at x."""
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
-        side = np.sign(np.linalg.det(left @ right))  # of the null vectors, so that det changes no sign
+        side = np.sign(np.linalg.det(left @ right))  # orients the null vectors so that the determinant keeps its sign
         borders[:] = (side[..., None] * left[..., -1])[..., None, :], right[..., None, -1, :]
 
     def equations(x: NDArray) -> NDArray:
+        """Return the residual of the motion, and a function that is 0 where det J is."""
         residual, jacobian = itinerary.with_jacobian(x, multiplier)
         return np.concatenate([residual, bordered(jacobian, *borders)[..., None]], axis=-1)
 

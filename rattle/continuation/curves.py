@@ -1,6 +1,7 @@
-"""A bifurcation curve in the (δ, ε) plane: its points in order, its pieces, and where and why each of them ends.
+"""Bifurcation curves in the (δ, ε) plane: the result `Curve`, and how a curve is followed through a window.
 
-How it is followed through a window of the plane, both ways from a solution.
+A curve has connected pieces. A piece is followed in both directions from a solution, until it ends or leaves the
+window.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -27,14 +28,20 @@ from rattle.errors import require, require_number, require_pair
 from rattle.notebook import Columns, Tabular
 from rattle.numerics.complex_step import Array
 
+#: Largest distance in δ and ε of two points that are the same, times `plane_scale`.
 SAME_POINT = 1e-9
-LONGEST = 0.05  # of a step, in times
+#: Longest step in the times of a motion.
+LONGEST = 0.05
+#: Largest difference of the unknowns of two solutions that are the same.
 SAME_SOLUTION = 1e-7
-POINTS_ACROSS = 60  # at least, over the width of the window
+#: Least number of points of a curve across the width of the window.
+POINTS_ACROSS = 60
 Test = Callable[[Array], str | None]
-STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
-FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
-#: The one curve on which no orbit bifurcates.
+#: Number of dampings at which a curve is searched; all pieces wider than their spacing are found.
+STARTS = 33
+#: Largest allowed δ and ε of a window; beyond it too few digits are left.
+FARTHEST = 1e6
+#: The only curve on which no orbit bifurcates.
 QUIET_LIMIT = "quiet_limit"
 
 
@@ -47,14 +54,17 @@ class End:
 
 
 class CurvePiece(NamedTuple):
-    """A connected piece as it was followed: unknowns (k, N) with δ, ε last, and why each end is one."""
+    """A connected piece of a curve.
+
+    points: unknowns (k, N), the last two of which are δ and ε. reasons: why it ends at its first and its last point.
+    """
 
     points: Array
     reasons: tuple[str, str]
 
 
 class CurveDescription(NamedTuple):
-    """The motion at a point of a curve."""
+    """The motion that bifurcates at a point of a curve: phase and speed after its impact on Σ⁺, and multipliers."""
 
     tau: float
     v: float
@@ -63,12 +73,14 @@ class CurveDescription(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Curve(Tabular):
-    """A bifurcation curve at half-backlash beta, n points in the order of its pieces; n = 0 where it does not exist.
+    """A bifurcation curve at half-backlash beta: n points, piece by piece; n = 0 if it does not exist in the window.
 
-    delta, epsilon (n,): the point; tau, v (n,): phase in [0, 1) and speed after the impact on Σ⁺ of the motion that
-    bifurcates; multipliers (2, n): its Floquet multipliers (on a grazing curve those of the motion that just misses the
-    wall); arclength (n,): along (δ, ε) from the start of the piece; piece (n,): number of the connected piece. folds:
-    points at which δ turns back. ends: both ends of each piece. Dimensionless, phases in forcing periods.
+    delta, epsilon (n,): the points.
+    tau, v (n,): phase in [0, 1) and speed after the impact on Σ⁺ of the motion that bifurcates.
+    multipliers (2, n): its Floquet multipliers; on a grazing curve those of the motion that just misses the wall.
+    arclength (n,): the length along (δ, ε) from the start of the piece. piece (n,): the number of the connected piece.
+    folds: the numbers of the points at which δ turns back. ends: both ends of each piece.
+    All numbers are dimensionless; phases are in forcing periods.
     """
 
     name: str
@@ -106,24 +118,20 @@ class Curve(Tabular):
         }
 
     def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
-        """Return every ε of the curve at this damping, or every δ at this eccentricity.
-
-        Rising, each solved for to rounding.
-
-        Empty where it has none.
+        """Return all ε of the curve at a damping, or all δ at an eccentricity.
 
         Returns
         -------
         tuple[float, ...]
-            The other parameter, rising.
+            The other parameter in rising order, solved to rounding; empty if the curve has no such point.
 
         Raises
         ------
         ParameterError
-            Unless one of the two is given.
+            If not exactly one of both is given.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
-        require(len(given) == 1, "give delta or epsilon, not both")
+        require(len(given) == 1, "give either delta or epsilon")
         name, value = given[0][0], require_number(*given[0])
         index = -2 if name == "delta" else -1
         found = (crossings(self._problem, points, index, value) for points in self._points)
@@ -131,7 +139,7 @@ class Curve(Tabular):
 
 
 def crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
-    """Return the solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
+    """Return the solutions with δ (index −2) or ε (−1) equal to `value` on a piece (k, N), each once."""
     found: list[Array] = []
     for guess in _between(points, index, value):
         x = with_value(problem, guess, index, value)
@@ -144,7 +152,7 @@ def crossings(problem: ContinuationProblem, points: Array, index: int, value: fl
 
 
 def _between(points: Array, index: int, value: float) -> Array:
-    """Return the points (any, N) where the chords of a followed piece (k, N) have this δ (index −2) or ε (−1)."""
+    """Return the points (any, N) at which the chords of a piece (k, N) have δ (index −2) or ε (−1) equal to `value`."""
     d = points[:, index] - value
     i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
     rise = d[i + 1] - d[i]
@@ -161,7 +169,7 @@ def build(
     pieces: Sequence[CurvePiece],
     described: Sequence[Sequence[CurveDescription]],
 ) -> Curve:
-    """Return a curve of followed pieces, with what is known of the motion at each point."""
+    """Return the curve of these pieces; described: for each piece the motion at each of its points."""
     motions = [motion for piece in described for motion in piece]
     sizes = [len(piece.points) for piece in pieces]
     starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
@@ -191,17 +199,19 @@ def build(
 
 
 def _arclength(plane: Array) -> Array:
+    """Return the lengths (k,) along points (k, 2) from the first one."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane, axis=0).T))])
 
 
 def _folds(delta: Array) -> list[int]:
+    """Return the numbers of the points at which δ turns back."""
     rises = np.sign(np.diff(delta))
     return [int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0)]
 
 
 @dataclass(frozen=True)
 class PlaneWindow:
-    """A rectangle of the plane: (low, high) of δ and of ε, and the least number of points of a curve across it."""
+    """A window of the plane: ranges (low, high) of δ and ε, and the least number of points of a curve across it."""
 
     delta: tuple[float, float]
     epsilon: tuple[float, float]
@@ -213,7 +223,7 @@ class PlaneWindow:
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
     def left(self, x: Array) -> str | None:
-        """Return the side of the window that a point is beyond: None if it is inside."""
+        """Return in words the side of the window that a point is beyond, or None if it is inside."""
         limits = zip(("delta", "epsilon"), (bound.crossed(x) for bound in self.bounds), strict=True)
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
@@ -227,21 +237,26 @@ class PlaneWindow:
 def pieces(
     problem: ContinuationProblem, starts: Iterable[Array], window: PlaneWindow, left: Test, times: int | None = None
 ) -> list[CurvePiece]:
-    """Return the pieces inside the window through solutions near the starts.
-
-    A start on a piece already followed adds none.
+    """Return the pieces of a curve inside a window that pass solutions near the starts, each once.
 
     Parameters
     ----------
+    problem : ContinuationProblem
+        The equations of the curve.
+    starts : Iterable[Array]
+        Guesses (N,) of solutions.
+    window : PlaneWindow
+        The window.
     left : Test
-        Why a solution in the window is not on the curve (its motion does not happen), None if it is.
+        Function of a solution in the window: the reason in words why it is not on the curve, such as that its motion is
+        virtual; None if it is on the curve.
     times : int | None
-        How many unknowns are times, by default all but δ and ε.
+        The number of unknowns that are times, by default all but δ and ε.
 
     Returns
     -------
     list[CurvePiece]
-        In the order of the starts.
+        The pieces, in the order of δ and ε at their first points.
     """
     found: list[CurvePiece] = []
     twins = partial(_periods_later, times)
@@ -254,7 +269,7 @@ def pieces(
         if not follower.inside(x):
             continue
         new = _both_ways(follower, x, lambda y: window.left(y) or left(y))
-        # rounding may have ended one a little before its end, and this start have been beyond
+        # rounding may have ended an earlier piece too early, before this start: then the new piece replaces it
         found = [piece for piece in found if not _on(problem, new, piece.points[None, len(piece.points) // 2], times)]
         found.append(new)
         solved = solved[~_on(problem, new, solved, times)]
@@ -262,14 +277,14 @@ def pieces(
 
 
 def _periods_later(times: int | None, start: Array, x: Array) -> Array:
-    """Return the same motion some forcing periods earlier or later, near x."""
+    """Return the unknowns of a motion, shifted by whole forcing periods so that they are near x."""
     twin = start.copy()
     twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
     return twin[None]
 
 
 def _on(problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None) -> NDArray[np.bool_]:
-    """Return flags of solutions (k, N) that are on a piece already, some forcing periods earlier or later perhaps."""
+    """Return flags of solutions (k, N) that are on a piece, up to a shift by whole forcing periods."""
     on = np.zeros(len(solved), bool)
     guesses = [_between(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
@@ -280,7 +295,7 @@ def _on(problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: i
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> CurvePiece:
-    """Return the whole piece through a solution, its folds among the points, the end of smaller δ first."""
+    """Return the piece through a solution, with its folds among the points, and the end with smaller δ first."""
     followed = follower.both_ways(x, -2)
     points = _with_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
@@ -292,7 +307,7 @@ def _both_ways(follower: Follower, x: Array, why: Test) -> CurvePiece:
 
 
 def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
-    """Return the points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
+    """Return the points, with one more at each turn of δ or ε, so that both are monotone between neighbours."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
@@ -305,11 +320,12 @@ def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) ->
 
 
 def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
-    """Rate of δ (index −2) or ε (−1) along the curve at a solution."""
+    """Return the rate of δ (index −2) or ε (−1) along the curve at a solution."""
     return float(tangent_at(problem, x, direction)[index])
 
 
 def _reason(path: Path, why: Test) -> str:
+    """Return in words why a path ends."""
     if path.outside is None:
         return "the equations become singular: it cannot be followed on"
     return why(path.outside) or "the edge of its existence"
@@ -326,7 +342,16 @@ def traced(
     named: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
-    """Return the curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
+    """Return the curve of a problem in a window, from `pieces`.
+
+    describe: the motion at a solution. named: a function of the unknowns and the reason of an end that returns a better
+    reason, such as the name of a codimension-two point.
+
+    Returns
+    -------
+    Curve
+        The curve.
+    """
     found = [
         CurvePiece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
         for piece in pieces(problem, starts, window, left, times)
@@ -335,12 +360,12 @@ def traced(
 
 
 def spread_between(low: float, high: float) -> Array:
-    """Return evenly spaced numbers between two, without the ends."""
+    """Return STARTS evenly spaced numbers between two numbers, without the ends."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
 def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
-    """Return a checked pair (low, high) of a window."""
+    """Return a checked range (low, high) of a window. Raises ParameterError."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
@@ -348,7 +373,7 @@ def window_range(name: str, value: tuple[float, float], positive: bool = False) 
 
 
 def limit_of_contact(beta: float, problem: ContinuationProblem, guesses: Iterable[Array], window: PlaneWindow) -> Curve:
-    """Return the quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
+    """Return the quiet limit as a curve in the unknowns (phase at which contact is lost, δ, ε)."""
     nothing = np.full(2, complex(np.nan, np.nan))
     return traced(
         QUIET_LIMIT,

@@ -1,13 +1,13 @@
-"""One-parameter bifurcation diagrams along any segment of parameters, of either model.
+"""One-parameter bifurcation diagrams along a segment of parameters, for any model (paper, Figures 5 and 9).
 
-Branches, their events, and the attractors that sweeps forward and backward see (paper, Figures 5 and 9).
+A diagram has branches, their events, and the attractors that forward and backward sweeps find:
 
-    branches = A to D, and what they lead to at flips and grazes
-    table = the attractors of a sample at every step
-    repeat, while something new is found:
-        sweep all attractors that are known, forward and backward
-        look for a branch near every periodic attractor, where it appears and every CHECKED steps
-        add the stable parts of branches that no sweep has met to what is known: basins may be small
+    branches = A to D, and the branches that they lead to at flips and grazes
+    known = the attractors of a sample at every step
+    repeat at most ROUNDS times, while something new is found:
+        sweep all known attractors forward and backward
+        search a branch near every periodic attractor, where it first appears and at every CHECKED-th step
+        add the stable parts of branches that no sweep has met to the known attractors: their basins may be small
 """
 
 from __future__ import annotations
@@ -39,42 +39,49 @@ from rattle.notebook import (
 from rattle.notebook import motion_label as label_of
 from rattle.parameters import Parameters
 
-LEAST_LENGTH = 1e-6  # of the scale of the plane
+#: Least length of a segment, times `plane_scale`.
+LEAST_LENGTH = 1e-6
 MOST_STEPS = 20_000
+#: Largest allowed numbers of impacts of a branch's motions, and of branches.
 LARGEST_PERIOD, MOST_BRANCHES = 64, 1000
+#: Points of a chaotic attractor at each step.
 CHAOTIC_POINTS = 200
-CHECKED = 10  # one in so many steps of an attractor that seems to stay on its branch
-JUMP = 0.05  # in phase, or speed in its unit, between steps
+#: An attractor that seems to stay on its branch is checked at each CHECKED-th step.
+CHECKED = 10
+#: Largest change of an attractor between steps, in phase, or in speed over its unit.
+JUMP = 0.05
+#: Largest distance of two states of the same orbit.
 SAME_ORBIT = 1e-6
-ROUNDS = 3  # of branches that lead to attractors and back
+#: Most repetitions of sweeps and search.
+ROUNDS = 3
 Array = NDArray[np.float64]
 
 
 class HasParameters(Protocol):
-    """Object at a parameter point on a segment."""
+    """An object at one or more parameter points of a segment."""
 
     @property
     def parameters(self) -> Array:
-        """Return the parameters (…, d), in the order of the segment's."""
+        """The parameters (…, d), in the order of the segment."""
 
 
 class IsEvent(HasParameters, Protocol):
-    """Event at a parameter point on a segment."""
+    """An event at a parameter point of a segment."""
 
     @property
     def kind(self) -> Any:
-        """Saddle-node, flip or graze."""
+        """Its kind: saddle-node, flip or graze."""
 
 
 class HasEvents(HasParameters, Protocol):
-    """A branch."""
+    """A branch with its events."""
 
     @property
     def events(self) -> tuple[Any, ...]:
-        """Events on it."""
+        """The events on the branch."""
 
     def curve_of(self, event: Any) -> str | None:
-        """Return the name of the curve of the plane that one of them is on."""
+        """Return the name of the bifurcation curve that an event is on, or None."""
 
 
 AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
@@ -92,14 +99,18 @@ class BranchPiece:
 
 @dataclass(frozen=True, repr=False)
 class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
-    """A bifurcation diagram along a segment of parameters, at half-backlash beta (dimensionless).
+    """A bifurcation diagram along a segment of parameters, at half-backlash beta; all numbers are dimensionless.
 
-    segment: its ends, δ and ε first. position, delta, epsilon (n,): the steps, position as the fraction of the way;
-    added: the other parameters (n,) of the model, by name. branches: A to D and all other P(m, n₊, n₋) that were
-    found, each once, with stable and admissible parts flagged; events: all that happen on them, each once. points:
-    the attractors followed forward and backward. sampled: what a sample of initial conditions finds at each step,
-    quiet motion too (cell is the step). small: stable parts that no sample found, for their basins are small or they
-    fit between two steps. left_out: labels met but not followed as branches, beyond the limits.
+    segment: the segment with its ends.
+    position, delta, epsilon (n,): the steps; position is the fraction of the way from start to end.
+    added: the other parameters (n,) of the model, by name.
+    branches: A to D and all other P(m, n₊, n₋) that were found, each once.
+    events: all admissible events on the branches, each once, in order of position.
+    points: the impacts of the attractors that sweeps followed forward and backward.
+    sampled: the attractors of a sample of initial conditions at each step, with quiet motion; `cell` is the step.
+    small: the stable parts of branches that no sample found, because their basins are small or they lie between two
+    steps.
+    left_out: the labels of motions that were met but exceed the limits on impacts or branches.
     """
 
     segment: Segment
@@ -149,7 +160,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         return figure_of(self, "diagram_figure")
 
     def to_xarray(self) -> Dataset:
-        """Return the impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps.
+        """Return the impacts on Σ⁺ of the swept attractors, along a dimension `impact`, and the steps.
 
         A branch has its own `to_xarray`.
 
@@ -169,33 +180,33 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         return dataset_of(points, {**steps, "beta": self.beta}, {"kinds": list(KINDS)})
 
     def curve_of(self, event: AnyEvent) -> str | None:
-        """Return the name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""
+        """Return the name of the bifurcation curve in the (δ, ε) plane that an event is on, or None."""
         on = (branch for branch in self.branches if any(each is event for each in branch.events))
         return next((branch.curve_of(event) for branch in on), None)
 
     @property
     def start(self) -> tuple[float, float]:
-        """(δ, ε) at the start."""
+        """The parameters (δ, ε) at the start of the segment."""
         return float(self.segment.start[0]), float(self.segment.start[1])
 
     @property
     def end(self) -> tuple[float, float]:
-        """(δ, ε) at the end."""
+        """The parameters (δ, ε) at the end of the segment."""
         return float(self.segment.end[0]), float(self.segment.end[1])
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
-        """Return the positions of a branch's points (k,), or an event's (), on the way from start to end."""
+        """Return the positions of a branch's points (k,), or of an event (): fractions of the way from start to end."""
         return self.segment.position(of.parameters)
 
 
 def diagram_of(
     model: Motions, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
 ) -> Diagram[Any, Any]:
-    """Return the diagram of a model along its segment; the other arguments as those of `diagram`."""
+    """Return the diagram of a model along its segment; the other arguments are those of `rattle.diagram`."""
     segment = model.segment
     length = float(np.linalg.norm(segment.direction))
     least = LEAST_LENGTH * plane_scale(segment.start[0])
-    require(length > least, f"start and end must be further apart than {least:g}, they are {length:g}")
+    require(length > least, f"start and end must be farther apart than {least:g}, but their distance is {length:g}")
     steps = require_integer("steps", steps, 1, MOST_STEPS)
     impacts = require_integer("impacts", impacts, 1, LARGEST_PERIOD)
     most = require_integer("most", most, 1, MOST_BRANCHES)
@@ -234,18 +245,18 @@ def diagram_of(
 
 
 def _motion_at(event: Any) -> str:
-    """Return the label of the motion that an event is of."""
+    """Return the label of the motion of an event."""
     return label_of(*event.itinerary.label)
 
 
 def require_end(name: str, value: ArrayLike) -> Array:
-    """(δ, ε) of an end of a segment. Raises ParameterError."""
+    """Return the checked (δ, ε) of an end of a segment. Raises ParameterError."""
     delta, epsilon = require_pair(name, value)
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
 def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
+    """Yield motions on the periodic attractors of the sweeps: where each appears, then at each CHECKED-th step."""
     last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
@@ -267,18 +278,19 @@ def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -
 
 
 def _close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
+    """Return whether two attractors differ by less than JUMP."""
     return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
 def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
-    """Return the stable parts of branches that no sample found, and whether the sweeps missed one of their motions.
+    """Return the stable parts of branches that no sample found, and whether the sweeps missed any of their motions.
 
-    The sweeps know these motions from here on.
+    The motions that were missed are added to the known attractors of the sweeps.
 
     Returns
     -------
     tuple[list[BranchPiece], bool]
-        The parts, and True if a sweep missed one at a step.
+        The parts, and True if a motion was added.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):
@@ -305,7 +317,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
 
 
 def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
-    """Stable parts of branches with the steps inside, and about where their impacts on Σ⁺ are there (steps, n_plus)."""
+    """Yield the stable parts of branches, the steps in each, and interpolated τ and v (steps, n_plus) on Σ⁺ there."""
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
         events = {event.after: float(search.model.segment.position(event.parameters)) for event in found.events}
@@ -323,7 +335,7 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiec
 def _nearest(
     known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
 ) -> KnownAttractor | None:
-    """Return the attractor with this label that has a state near one of the impacts (n_plus,), speeds in their unit."""
+    """Return the known attractor with this label and a state within a distance of an impact (n_plus,), or None."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:

@@ -1,4 +1,4 @@
-"""Describe a branch of either gear in words, and convert it to pandas and xarray."""
+"""The common part of the branches of all gears: their fields, display, and conversion to pandas and xarray."""
 
 from __future__ import annotations
 
@@ -28,12 +28,16 @@ from rattle.orbits.periodic import Equations
 
 @dataclass(frozen=True, repr=False)
 class FollowedBranch(ABC):
-    """A branch of motions of one itinerary along a line of parameters, k points in order, n impacts or contacts each.
+    """A branch: k motions with one itinerary along a line of parameters, each with n impacts or contacts.
 
-    unknowns (k, N): of each motion, its parameters last, δ and ε first among these. speeds (k, n): with which it leaves
-    the walls. multipliers (2, k). stable, admissible (k,): whether the motion attracts, and whether it happens at all
-    (False: virtual). start: the point it was followed from. events: in the order of the branch. ends: why it was not
-    followed farther, at its first and its last point.
+    itinerary: the walls and the forcing periods of the motions.
+    unknowns (k, N): the unknowns of each motion, then its parameters: δ, ε and others.
+    speeds (k, n): the speeds with which each motion leaves the walls.
+    multipliers (2, k): the Floquet multipliers.
+    stable, admissible (k,): whether the motion attracts, and whether it is admissible (False: virtual).
+    start: the number of the point from which the branch was followed.
+    events: the events, in the order of the branch.
+    ends: the reasons in words why the branch ends at its first and at its last point.
     """
 
     itinerary: Any
@@ -53,7 +57,7 @@ class FollowedBranch(ABC):
     @property
     @abstractmethod
     def departures(self) -> Array:
-        """Return the times at which the motions leave the walls (k, n), in forcing periods."""
+        """The times (k, n) at which the motions leave the walls, in forcing periods."""
 
     @property
     @abstractmethod
@@ -62,7 +66,7 @@ class FollowedBranch(ABC):
 
     @property
     def walls(self) -> tuple[int, ...]:
-        """The walls of its motions."""
+        """The walls that the motions meet, in order."""
         return self.itinerary.walls
 
     @property
@@ -77,36 +81,36 @@ class FollowedBranch(ABC):
 
     @property
     def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
+        """The label (m, n_plus, n_minus) of the motions."""
         return self.itinerary.label
 
     @property
     def parameters(self) -> Array:
-        """The parameters (k, 2) or more that change along branches of the model, δ and ε first."""
+        """The parameters (k, 2 or more) that may change along branches of the model, δ and ε first."""
         return self.unknowns[:, self.itinerary.n :]
 
     @property
     def delta(self) -> Array:
-        """Damping (k,)."""
+        """The damping δ (k,)."""
         return self.parameters[:, 0]
 
     @property
     def epsilon(self) -> Array:
-        """Eccentricity (k,)."""
+        """The eccentricity ε (k,)."""
         return self.parameters[:, 1]
 
     @property
     def tau(self) -> Array:
-        """Phases (k,) in [0, 1) with which the motions first leave Σ⁺."""
+        """The phases (k,) in [0, 1) at which the motions first leave Σ⁺."""
         return np.array([float(folded(time)) for time in self.departures[:, 0]])
 
     @property
     def v(self) -> Array:
-        """Speeds (k,) with which they do."""
+        """The speeds (k,) with which the motions first leave Σ⁺."""
         return self.speeds[:, 0]
 
     def motion(self, index: int) -> tuple[Any, Array]:
-        """Itinerary and unknowns (N,) of one point."""
+        """Return the itinerary and the unknowns (N,) of one point."""
         return self.itinerary, self.unknowns[index]
 
     def _caption(self) -> str:
@@ -136,7 +140,7 @@ class FollowedBranch(ABC):
         return html_of(self)
 
     def plot(self) -> Figure:
-        """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
+        """Draw speed and phase of the impacts on Σ⁺ against the parameter, with stable parts solid and events marked.
 
         Returns
         -------
@@ -151,19 +155,21 @@ class FollowedBranch(ABC):
         return figure_of(self, "branch_figure")
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row for each point. Raises MissingExtraError without pandas."""
+        """Return a table with a row for each point. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
-        """Return the branch along the dimensions point, multiplier and impact.
-
-        Parameters, multipliers, and the times and speeds with which the motions leave the walls. Raises
-        MissingExtraError without xarray.
+        """Return the branch as a data set with the dimensions `point`, `number` (of the multiplier) and `impact`.
 
         Returns
         -------
         Dataset
-            The data set.
+            Parameters, multipliers, and the times and speeds with which the motions leave the walls.
+
+        Raises
+        ------
+        MissingExtraError
+            Without xarray.
         """
         each = {name: ("point", values) for name, values in self._columns().items() if "multiplier" not in name}
         return dataset_of(
@@ -188,7 +194,16 @@ class FollowedBranch(ABC):
 
 
 def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
-    """Return the flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch."""
+    """Return the first point of the doubled branch at a flip x (N,), and the unit tangent of the branch there.
+
+    The first point is the orbit of the flip run through twice.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The unknowns (2n,) of the doubled orbit with the offset 0 of the parameter after them; and the tangent (2n +
+        1,).
+    """
     n, impacts = itinerary.n, len(itinerary.walls)
     each = x[:n].reshape(-1, impacts)
     later = each.copy()

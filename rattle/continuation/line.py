@@ -8,12 +8,16 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 
-POINTS_ACROSS = 50  # at least, over the span
-FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the flip
+#: Least number of points over the span.
+POINTS_ACROSS = 50
+#: First step along a doubled branch, whose size grows as the square root of the distance from the flip.
+FIRST_OF_DOUBLED = 1e-4
 MOST_POINTS = 1000
 HALF_PERIOD = "the period halves: a flip"
-LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
-NEAR = 0.02  # span by default, either way, of the scale of the plane
+#: Least damping on a line, over that of the orbit.
+LEAST_DAMPING = 1e-3
+#: Default span in both directions, times `plane_scale`.
+NEAR = 0.02
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 Parameter = str | tuple[float, float]
 Span = tuple[float, float] | None
@@ -21,7 +25,7 @@ Span = tuple[float, float] | None
 
 @dataclass(frozen=True)
 class ParameterLine:
-    """(δ, ε) = origin + p direction, p in span, with so many points over it at least."""
+    """A line (δ, ε) = origin + p direction, with p in `span` and at least `resolution` points over the span."""
 
     origin: Array
     direction: Array
@@ -40,11 +44,24 @@ class ParameterLine:
 def line_through(
     delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
 ) -> ParameterLine:
-    """Return the line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
+    """Return the line through (δ, ε) for these arguments of `rattle.branch`, where δ > 0 and ε ≥ 0.
+
+    Returns
+    -------
+    ParameterLine
+        The line; its span is cut where δ or ε would be too small.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    """
     origin = np.array([delta, epsilon])
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
     if isinstance(parameter, str):
-        require(parameter in DIRECTIONS, f"parameter must be delta, epsilon or a direction, got {parameter!r}")
+        require(
+            parameter in DIRECTIONS, f"parameter must be 'delta', 'epsilon' or a direction (dδ, dε), got {parameter!r}"
+        )
         direction = np.array(DIRECTIONS[parameter])
         ends = (
             np.array([-NEAR, NEAR]) * plane_scale(delta)
@@ -53,7 +70,7 @@ def line_through(
         )
     else:
         direction = np.array(require_pair("parameter, if not delta or epsilon,", parameter))
-        require(bool(direction.any()), "a direction is a pair (dδ, dε) other than (0, 0)")
+        require(bool(direction.any()), "parameter, if it is a direction, must be a pair (dδ, dε) other than (0, 0)")
         ends = np.array([-1.0, 1.0] if span is None else require_pair("span", span))
     low, high = float(ends[0]), float(ends[1])
     require(low <= 0.0 <= high and low < high, f"span must be (low, high) around the orbit, got {span!r}")

@@ -1,4 +1,4 @@
-"""Interface between a bifurcation diagram and a model along a segment of its parameters."""
+"""The interface between a bifurcation diagram and a model: its motions along a segment of parameters."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -16,25 +16,26 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
 from rattle.parameters import Parameters
 
-POINTS_ACROSS = 60  # a segment, at least
+#: Least number of points of a branch across a segment.
+POINTS_ACROSS = 60
 
-Motion = tuple[Any, Array]  # its itinerary; its n unknowns, then the d parameters
+Motion = tuple[Any, Array]  # (itinerary, the n unknowns of a motion and then its d parameters)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A segment from `start` to `end`, parameters (d,) with δ and ε first; positions on it are fractions of the way."""
+    """A segment between two points of d parameters, δ and ε first. A position is a fraction of the way to `end`."""
 
     start: Array
     end: Array
 
     @property
     def direction(self) -> Array:
-        """End less start."""
+        """The difference end − start."""
         return self.end - self.start
 
     def at(self, position: NDArray[np.float64]) -> Array:
-        """Parameters (…, d) at these positions (…), the ends exactly."""
+        """Return the parameters (…, d) at positions (…); at 0 and 1 they are exactly the ends."""
         found = self.start + np.asarray(position)[..., None] * self.direction
         found[..., 1] = np.maximum(found[..., 1], 0.0)
         return np.asarray(found, np.float64)
@@ -49,8 +50,8 @@ class Segment:
 class Motions(ABC):
     """The periodic motions of one model along a segment, as a bifurcation diagram needs them.
 
-    A step is a point of the segment, its parameters by name; many steps are `Parameters` (n,). Branches and events are
-    the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
+    A step is a point of the segment. One step is a mapping of parameters by name, n steps are `Parameters` (n,).
+    Branches and events are classes of the model, with the fields of `rattle.Branch` and `rattle.Event`.
     """
 
     segment: Segment
@@ -67,46 +68,46 @@ class Motions(ABC):
         return of_samples(self.classifier, steps, sample)
 
     def classify(self, steps: Parameters, tau: Array, v: Array) -> Classifier:
-        """States (n, k), each followed to its end."""
+        """Follow states (n, k) until each reaches an attractor or its budget ends."""
         return self.classifier.classify(steps, tau, v)
 
     def returned(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
-        """States (n,) after one return to Σ⁺."""
+        """Return the states (n,) after one return to Σ⁺."""
         return self.classifier.iterated(steps, tau, v, 1)[:2]
 
     @abstractmethod
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Motions A to D somewhere on each of their branches."""
+        """Yield A to D, at one or more steps of each of their branches."""
 
     @abstractmethod
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
+        """Return the periodic motion with n_plus impacts on Σ⁺ near a state, or None."""
 
     @abstractmethod
     def problem(self, itinerary: Any) -> ContinuationProblem:
-        """Return the equations of motions with an itinerary; y = (unknowns (n,), position)."""
+        """Return the equations of the motions with an itinerary, in the unknowns y = (unknowns (n,), position)."""
 
     @abstractmethod
     def solved(self, itinerary: Any, y: Array) -> Periodic | None:
-        """Return the motion at this position whose unknowns are near those of y."""
+        """Return the motion at the position of y whose unknowns are near those of y, or None."""
 
     @abstractmethod
     def through(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """Return the branch through a motion, over these positions less its own."""
+        """Return the branch through a motion; span: positions relative to that of the motion."""
 
     @abstractmethod
     def doubled(self, event: Any, span: tuple[float, float]) -> Any:
-        """Return the branch of motions of twice the period from a flip on, over these positions less its own."""
+        """Return the branch of doubled period that starts at a flip; span: positions relative to that of the flip."""
 
     @abstractmethod
     def events(self, found: Any) -> tuple[Any, ...]:
-        """Return all that happens on a branch."""
+        """Return all events of a branch."""
 
     @abstractmethod
     def beside(self, event: Any) -> Iterator[Motion]:
-        """Return the motions, of any itinerary, whose branches pass an event."""
+        """Yield the motions, with any itinerary, whose branches pass an event."""
 
 
 def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Rising numbers cut where they are not consecutive."""
+    """Split rising numbers into runs of consecutive numbers."""
     return np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if steps.size else []

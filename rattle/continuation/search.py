@@ -1,7 +1,8 @@
-"""The search for all branches of periodic motions along a segment of parameters that lead to one another, each once.
+"""Search all branches of periodic motions along a segment that are connected by flips and grazes, each once.
 
-From every motion given, its branch; from every flip of it the doubled branch, and back; from every graze the branch of
-the motion with that impact or without it. A motion is on a known branch if it is a solution between two of its points.
+The search follows the branch of each given motion. At a flip it goes on to the doubled branch, or from there back. At a
+graze it goes on to the branch of the motion with or without the grazing impact. A motion is on a known branch if it is
+a solution between two points of that branch.
 """
 
 import heapq
@@ -17,12 +18,14 @@ from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Equations, Periodic, begun_at
 
-SAME_MOTION = 1e-7  # in the unknowns
-SAME_PLACE = 1e-8  # of a segment, of the scale of the plane
+#: Largest difference of the unknowns of the same motion.
+SAME_MOTION = 1e-7
+#: Largest difference of the parameters of the same motion, times `plane_scale`.
+SAME_PLACE = 1e-8
 
 
 def begun_at_impact(motion: Motion, first: int) -> Motion:
-    """Return the same motion, begun at impact number `first`, whose time is then in [0, 1)."""
+    """Return a motion in the form that begins at impact number `first`, with the time of this impact in [0, 1)."""
     itinerary, x = motion
     x = begun_at(itinerary, x, first)
     x[: len(itinerary.walls)] -= np.floor(x[0])
@@ -30,7 +33,7 @@ def begun_at_impact(motion: Motion, first: int) -> Motion:
 
 
 def same_motion(one: Motion, other: Motion) -> bool:
-    """Return whether two solutions are one motion at one point, whichever impacts they begin at."""
+    """Return whether two solutions are the same motion at the same parameters; they may begin at different impacts."""
     (a, x), (b, y) = one, other
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
@@ -39,7 +42,7 @@ def same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield the ways to write a motion with the walls of `like`, begun near this time."""
+    """Yield all forms of a motion that have the walls of `like` in order and begin near the time `phase`."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = begun_at_impact(motion, first)
@@ -49,20 +52,24 @@ def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
 
 
 class Search:
-    """Branches found so far, and what is still to be looked at."""
+    """The branches and events found so far, and the queue of events that are not yet examined.
+
+    paths: for each branch its points (unknowns, position), with times that are not folded.
+    left_out: labels of motions that exceed the limits.
+    """
 
     def __init__(self, model: Motions, impacts: int, most: int) -> None:
-        """Keep motions of at most so many impacts per period, and at most so many branches."""
+        """Search motions with at most `impacts` impacts per period, and at most `most` branches."""
         self.model, self.impacts, self.most = model, impacts, most
         self.branches: list[Any] = []
         self.events: list[Any] = []
         self.left_out: set[tuple[int, int, int]] = set()
-        self.paths: list[Array] = []  # (unknowns, position) of every branch, times unfolded
+        self.paths: list[Array] = []
         self._queue: list[tuple[int, int, Any]] = []
         self._order = count()
 
     def add(self, motion: Motion) -> None:
-        """Add the branch through a motion, and all that it leads to."""
+        """Add the branch through a motion, and all branches that are connected with it."""
         self._follow(motion)
         while self._queue:
             _, _, event = heapq.heappop(self._queue)
@@ -72,11 +79,11 @@ class Search:
                 self._double(event)
 
     def index(self, motion: Motion) -> int | None:
-        """Return the number of the branch that a motion is on."""
+        """Return the number of the branch that a motion is on, or None."""
         return next((i for i in range(len(self.branches)) if self._lies_on(i, motion)), None)
 
     def stable_orbit(self, i: int, position: float) -> Periodic | None:
-        """Return the stable motion of branch number i at a position."""
+        """Return the stable motion of branch number i at a position, or None."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):
@@ -88,6 +95,7 @@ class Search:
         return None
 
     def _lies_on(self, i: int, motion: Motion) -> bool:
+        """Return whether a motion is on branch number i."""
         itinerary, x = motion
         like, path = self.branches[i].itinerary, self.paths[i]
         if itinerary.n != like.n or itinerary.m != like.m or len(path) < 2:
@@ -109,23 +117,27 @@ class Search:
         return False
 
     def _span(self, parameters: Array) -> tuple[float, float]:
+        """Return the ends of the segment as positions relative to that of a point."""
         position = float(np.clip(self.model.segment.position(parameters), 0.0, 1.0))
         return -position, 1.0 - position
 
     def _allowed(self, itinerary: Equations) -> bool:
+        """Return whether a new branch is within the limits; if not, record its label."""
         allowed = len(itinerary.walls) <= self.impacts and len(self.branches) < self.most
         if not allowed:
             self.left_out.add(itinerary.label)
         return allowed
 
     def _follow(self, motion: Motion) -> None:
-        if 1 not in motion[0].walls:  # never on Σ⁺: Π does not see it
+        """Add the branch through a motion, unless it is known."""
+        if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is no motion of Π
             return
         itinerary, x = begun_at_impact(motion, motion[0].walls.index(1))
         if self.index((itinerary, x)) is None and self._allowed(itinerary):
             self._keep(self.model.through((itinerary, x), self._span(x[itinerary.n :])))
 
     def _double(self, event: Any) -> None:
+        """Add the doubled branch that starts at a flip, unless it is known."""
         if not self._allowed(event.itinerary.doubled()):
             return
         found = self.model.doubled(event, self._span(event.unknowns[event.itinerary.n :]))
@@ -133,6 +145,7 @@ class Search:
             self._keep(found)
 
     def _keep(self, found: Any) -> None:
+        """Keep a branch, and put its new admissible events into the queue."""
         self.branches.append(found)
         self.paths.append(np.column_stack([found.unfolded, self.model.segment.position(found.parameters)]))
         for event in self.model.events(found):

@@ -1,16 +1,17 @@
-"""Attractors followed step by step along a line of parameters, forward and backward, as in an experiment.
+"""Sweeps: attractors are followed step by step along a line of parameters, forward and backward, as in an experiment.
 
-    known = at every step, the attractors that a sample of states finds
-    begin a run forward from each known at the first step, backward from each at the last; finish
-    for each step, while an attractor there was reached neither way:
-        begin a run forward from it (if no sample found it, only as far as to what is known); finish
+    known = the attractors that a sample of states finds at every step
+    start a run forward from each known attractor at the first step, and backward from each at the last step; finish
+    for each step, while it has a known attractor that no run has reached in either direction:
+        start a run forward from this attractor; if no sample found it, the run stops at any known attractor; finish
 
-    finish: until all runs have ended, let the state of each lead where it does at its next step:
-        to quiet motion, or to what was followed that way before: it ends, and begins backward from the step before;
-            if it was itself on its way back, also again from where it came through
-        elsewhere: that is known from here on, was reached this way, and its state starts the next step
+    finish: until all runs have ended, follow the state of each run at its next step to an attractor:
+        if it is quiet motion, or an attractor that was reached in this direction before: the run ends, and a run in the
+            opposite direction starts from the step before. If it is quiet motion and the run was itself such a run
+            back, the first direction is started again too, from where it had passed.
+        if it is another attractor: this becomes known, is reached in this direction, and its state starts the next step
 
-So all attractors are seen, and where the two directions differ there is hysteresis.
+So all attractors are followed. Where the two directions differ there is hysteresis.
 """
 
 from collections.abc import Iterable
@@ -26,15 +27,17 @@ from rattle.continuation.motions import Motions
 from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
+#: Change of the step's number in each direction.
 STEP = (1, -1)
 Array = NDArray[np.float64]
 
 
 @dataclass
 class KnownAttractor:
-    """An attractor at one step: kind (index of KINDS), label, a state on it.
+    """A known attractor at one step.
 
-    The directions in which it was followed, and whether the sample of that step found it.
+    kind: its number in KINDS. label: (m, n_plus, n_minus). tau, v: a state on it.
+    sampled: whether the sample of the step found it. reached: whether a run reached it forward and backward.
     """
 
     kind: int
@@ -46,7 +49,7 @@ class KnownAttractor:
 
 
 class Visit(NamedTuple):
-    """An attractor that a sweep was on at one step, with its state there."""
+    """An attractor that a run reached at one step, with the state there; kind: its number in KINDS."""
 
     step: int
     direction: int
@@ -57,10 +60,13 @@ class Visit(NamedTuple):
 
 
 class SweepPoints(NamedTuple):
-    """Impacts on Σ⁺ of the attractors that were followed, arrays (n,) in the order of the steps.
+    """Impacts on Σ⁺ of the attractors that were followed, as arrays (n,) in the order of the steps.
 
-    step; position along the line; tau, v; kind (index of KINDS); m, n_plus, n_minus (0 unless periodic); forward: in
-    which direction it was followed. A periodic attractor has n_plus points at a step and direction.
+    step, position: the number of the step, and its position along the line.
+    tau, v: phase and speed of the impact.
+    kind: the number of the attractor's kind in KINDS. m, n_plus, n_minus: its label, 0 unless it is periodic.
+    forward: whether it was followed forward.
+    A periodic attractor has n_plus points at each step and direction.
     """
 
     step: NDArray[np.int64]
@@ -78,9 +84,9 @@ class SweepPoints(NamedTuple):
 class _Run:
     """A motion that is followed in one direction.
 
-    The step that it is to arrive at, from a state of the one before, or where it begins, from an attractor there.
-    trail: what it was on, by step; back: the trail that it goes back on. stops_at_known: it stops where anything was
-    before.
+    step: the step at which it arrives next. tau, v: its state at the step before; at first, a state at `step` itself.
+    trail: the attractors that it reached, by step. back: the trail of the run in the other direction that started it.
+    stops_at_known: whether it stops at any known attractor that a run has reached.
     """
 
     direction: int
@@ -93,7 +99,7 @@ class _Run:
 
 
 class Sweeps:
-    """Sweeps over steps of a model; to begin with, a table of what samples find there is known, cell by cell."""
+    """Sweeps over the steps of a model. At first the attractors of a table are known; its cells are the steps."""
 
     def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
@@ -106,7 +112,7 @@ class Sweeps:
             self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
-        """Follow everything known, one way at least."""
+        """Follow all known attractors, each in one direction at least."""
         for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
             for known in self.known[step]:
                 self._begin(known, direction, step)
@@ -129,11 +135,12 @@ class Sweeps:
         back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
+        """Start a run from an attractor, unless it was reached in this direction."""
         if known is not None and not known.reached[direction]:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish(self) -> None:
-        """Advance all runs to their ends, and those that they lead to; at any time one run only is at a step."""
+        """Advance all runs, and the runs that they start, until they end; at any time only one run is at a step."""
         while self._runs:
             now: dict[int, _Run] = {}
             for run in self._runs:
@@ -141,7 +148,7 @@ class Sweeps:
             self._advance(list(now.values()))
 
     def _advance(self, runs: list[_Run]) -> None:
-        """Move the states of these runs on, to where they lead at their steps."""
+        """Follow the states of these runs at their steps to attractors."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
@@ -154,9 +161,10 @@ class Sweeps:
             self._arrive(run, table, rows[first : first + len(states[i])], end)
 
     def _arrive(self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
-        """Note what was reached, and go on; where that is nothing new, go back from the step before.
+        """Record the attractor that a run reached, and move the run on; if the attractor is not new, end the run.
 
-        One that is lost on its way back, from a set that it leaves in time, begins again where it came through.
+        A run that ends starts one in the opposite direction from the step before. If a run back ends in quiet motion,
+        as from a chaotic set that is left after some time, the first direction is started again where it had passed.
         """
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])
@@ -186,7 +194,15 @@ class Sweeps:
             self._runs.remove(run)
 
     def points(self, position: Array, chaotic: int) -> SweepPoints:
-        """Return all impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
+        """Return the impacts of all visits: of a periodic attractor all, of another one `chaotic` impacts.
+
+        position: the positions (steps,) of the steps.
+
+        Returns
+        -------
+        SweepPoints
+            The impacts, in the order of the steps.
+        """
         visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
         step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
@@ -200,7 +216,7 @@ class Sweeps:
     def _impacts(
         self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return `size` (n,) states that follow each visit: number of the visit, τ, v, in the order of the visits."""
+        """Return `size` (n,) states from each visit on, visit by visit: the number of the visit, τ and v."""
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
         owner, order, tau, v = [], [], [], []
         which, (t, speed) = np.arange(size.size), states.T

@@ -1,4 +1,4 @@
-"""Families: attractors of a grid of cells joined between neighbours, so one motion has one number over the plane."""
+"""Families: the attractors of a grid, joined between neighbouring cells, so that one motion has one number."""
 
 from rattle.families.join import in_order, joined, together
 from rattle.families.pieces import GridPiece, connected, entering, no_attractors

@@ -1,4 +1,4 @@
-"""Decide when chaotic attractors of neighbouring cells are one: their visited-cell bitmaps overlap."""
+"""Join chaotic attractors of neighbouring cells whose visited-cell bitmaps (footprints) overlap."""
 
 from typing import Any
 
@@ -11,13 +11,15 @@ from rattle.attractors.recurrence import mark_footprints
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
 
-STRETCH = 128  # impacts of a footprint, in which 99 % of the pairs that overlap are seen to; none others are
-LONGER = 2048  # of those that have not been seen to
+#: Impacts of a footprint. With so many, 99 % of the overlapping pairs are found, and no others.
+STRETCH = 128
+#: Impacts of a longer footprint, for the pairs that did not overlap.
+LONGER = 2048
 
 
 @kernel
 def overlapping(one, other, prints, overlap):
-    """Write whether the footprints one[i] and other[i] (k,) share SAME_FOOTPRINT of the smaller."""
+    """Write to overlap (k,) whether prints one[i] and other[i] share more than SAME_FOOTPRINT of the smaller one."""
     for i in range(one.size):
         in_one, in_other, shared = 0, 0, 0
         for row in range(prints.shape[1]):
@@ -31,14 +33,15 @@ def overlapping(one, other, prints, overlap):
 def overlaps(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], shape: tuple[int, int], cells: Any
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pairs, twice (pairs,), of chaotic attractors that overlap in cells side by side.
+    """Return the pairs of chaotic attractors in neighbouring cells whose footprints overlap.
 
-    cell (k,) in order, tau, v: a point of each; shape: rows and columns of the grid.
+    cell (k,): the cells of the attractors, in rising order. tau, v (k,): a state of each. shape: rows and columns of
+    the grid.
 
     Returns
     -------
     tuple[NDArray[np.int64], NDArray[np.int64]]
-        First and second of each pair.
+        The numbers (pairs,) of the first and of the second attractor of each pair.
     """
     prints = np.zeros((cell.size, GRID), np.uint64)
     states = begun(cell, tau, v, 0)

@@ -1,4 +1,4 @@
-"""Join the attractors of neighbouring cells: orbits are continued themselves, chaotic attractors by what they visit."""
+"""Join the attractors of neighbouring cells: periodic orbits by continuation, chaotic attractors by footprints."""
 
 from __future__ import annotations
 
@@ -19,14 +19,19 @@ from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums
 from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
-AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
-STEPS = 64  # from a cell to the next, of an orbit that leads to another and is not led back to
+#: Two of the four sides of a cell; the other two are sides of its neighbours.
+AHEAD = (0, 1)
+#: Steps of a slow continuation to the next cell, for an orbit that leads to another one which does not lead back.
+STEPS = 64
 
 
 def axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return one axis of a grid; raises ParameterError unless its values rise or fall."""
+    """Return the checked values of one axis of a grid. Raises ParameterError unless they rise or fall."""
     array = real_array(name, values)
-    require(array.ndim == 1 and array.size > 0, f"{name} must be the values of an axis, got shape {array.shape}")
+    require(
+        array.ndim == 1 and array.size > 0,
+        f"{name} must be a list of numbers, the values of an axis, got shape {array.shape}",
+    )
     steps = np.diff(array)
     require(bool(np.all(steps > 0) or np.all(steps < 0)), f"the values of {name} must rise or fall: sort them")
     return array
@@ -39,7 +44,7 @@ def families_over(
     others: dict[str, float],
     sample: SampleSpec,
 ) -> Families:
-    """Return the families of a gear's attractors; others: β and what it has besides. See `rattle.families_of`."""
+    """Return the families of a gear's attractors, as `rattle.families_of`; others: β and the added parameters."""
     delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.of(classifier.model, delta, epsilon[:, None], **others).flat()
@@ -50,14 +55,15 @@ def families_over(
 def joined(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: AttractorTable, cells: Any
 ) -> Families:
-    """Return the families of the attractors of cells `epsilon` (m,) × `delta` (n,) with `count` samples each.
+    """Return the families of the attractors of a grid of cells `epsilon` (m,) × `delta` (n,).
 
-    The table and `cells`, as kernels take them, go row by row of the grid.
+    count: the number of samples of a cell. table, cells: the attractors, and the cells as kernels take them, both row
+    by row of the grid.
 
     Returns
     -------
     Families
-        Numbers of families, and the cells' attractors with the orbits that entered from neighbours.
+        The families, and the attractors of all cells with the orbits that were continued from neighbours.
     """
     attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
     return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
@@ -66,12 +72,12 @@ def joined(
 def joined_rows(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the table of the cells of a grid with the orbits that entered them.
+    """Return the attractors of a grid together with the orbits that were continued into its cells.
 
     Returns
     -------
     tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
-        The table, whether each of its rows entered (rows,), and the family of each row (rows,).
+        The attractors; flags (rows,) of those that were continued from neighbours; and their families (rows,).
     """
     return _joined(table, shape, cells)[:3]
 
@@ -79,10 +85,11 @@ def joined_rows(
 def _joined(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
+    """Return what `joined_rows` does, and the sums of the families."""
     orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = together(table, entered(orbits, periodic.size, n))
-    row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # of each orbit
+    row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # the row of each orbit
     component = components(attractors, row, orbits, shape, cells)
     order = in_order(attractors)
     attractors, component = attractors.take(order), component[order]
@@ -91,14 +98,14 @@ def _joined(
 
 
 def together(*tables: AttractorTable) -> AttractorTable:
-    """Return the rows of one table after those of another."""
+    """Return the rows of several tables as one table."""
     return AttractorTable.concat(list(tables))
 
 
 def in_order(table: AttractorTable) -> NDArray[np.int64]:
-    """Return the order of rows (rows,): cell by cell, in each by falling number of samples.
+    """Return the order of rows: cell by cell, and in each cell by falling number of samples.
 
-    Ties are broken by what the attractors are, and by nothing else.
+    Ties are decided by the attractors themselves, not by their order in the table.
 
     Returns
     -------
@@ -112,21 +119,23 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
 def components(
     table: AttractorTable, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
-    """Return equal numbers (rows,) for rows of a table that are one attractor.
-
-    QUIET_FAMILY: quiet motion, NO_FAMILY: undecided.
+    """Return a number for each row of a table; rows with the same number are one attractor in several cells.
 
     Parameters
     ----------
+    table : AttractorTable
+        The attractors, whose chaotic rows are in the order of their cells.
     row : NDArray[np.int64]
-        Of each orbit; chaotic rows are in the order of their cells.
+        The row of each orbit.
+    orbits : Linked
+        The periodic orbits with their continuations.
 
     Returns
     -------
     NDArray[np.int64]
-        Number of each row's component.
+        The numbers (rows,): QUIET_FAMILY for quiet motion, NO_FAMILY for undecided samples.
     """
-    from scipy.sparse import coo_array  # an eighth of a second to load
+    from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second
     from scipy.sparse.csgraph import connected_components
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
@@ -141,19 +150,23 @@ def components(
 
 
 def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
-    """Return the periodic orbits of a table, and after them their continuations in the cells of a rectangle.
-
-    The rows of one cell are side by side in the table; the grid has so many columns.
+    """Continue the periodic orbits of a table into the cells of a rectangle, until nothing new is found.
 
     Parameters
     ----------
+    table : AttractorTable
+        The attractors; the rows of one cell are neighbours.
+    columns : int
+        The number of columns of the grid.
+    inside : Rectangle
+        The cells into which orbits are continued.
     first : int
-        Of the periodic orbits that are continued; those before it have been.
+        The number of the first periodic orbit to continue; those before it were continued already.
 
     Returns
     -------
     tuple[Linked, int]
-        The orbits, and the number of all.
+        The periodic orbits of the table and after them their continuations; and the number of all.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
@@ -162,12 +175,12 @@ def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any
         getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
-    orbits.last[cell] = np.arange(n)  # of equal cells the last one stays
+    orbits.last[cell] = np.arange(n)  # for equal cells the last number remains
     return spread_all(first, n, columns, inside, cells, orbits)
 
 
 def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: Linked) -> tuple[Linked, int]:
-    """Continue orbits from number `done` on, of n, as `spread` does, with as much room as it takes."""
+    """Continue the orbits from number `done` on, of n, as `spread` does, in arrays that grow as necessary."""
     while done < n:
         done, n = spread(done, n, columns, inside, cells, orbits)
         if done < n:
@@ -176,10 +189,10 @@ def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, o
 
 
 def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return pairs of orbits, twice (pairs,), of the first n that are one orbit in neighbouring cells.
+    """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
-    Each orbit of a pair leads to the other, or one does in STEPS steps, which tell a continued orbit from a jump to
-    another one.
+    The orbits of a pair are continuations of each other. Or one is the continuation of the other and remains so in
+    STEPS small steps, which exclude a jump to another orbit.
 
     Returns
     -------
@@ -203,9 +216,9 @@ def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArr
 
 @singledispatch
 def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]) -> Any:
-    """Return cells on straight lines between cells, by default by interpolating all that a cell holds.
+    """Return cells on straight lines between cells, by default by interpolation of all their numbers.
 
-    A gear of which a cell holds more than its parameters registers its own function.
+    A gear whose cells have more than its parameters registers its own function.
 
     Parameters
     ----------
@@ -214,7 +227,7 @@ def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64],
     here, there : ndarray of int, (n,)
         The cells at which the lines begin and end.
     share : ndarray, (k,)
-        Places along a line, 0 to 1.
+        Positions along a line, from 0 to 1.
 
     Returns
     -------
@@ -225,6 +238,7 @@ def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64],
 
 
 def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cells: Any) -> NDArray[np.bool_]:
+    """Return flags of orbits `one` that become the orbits `other` in STEPS small steps of continuation."""
     share = np.arange(1, STEPS + 1) / STEPS
     here, there = orbits.cell[one], orbits.cell[other]
     way = cells_between(cells, here, there, share)
@@ -234,7 +248,7 @@ def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cell
 
 
 def room_for(n: int, n_cells: int) -> Linked:
-    """Return empty arrays with room for n linked orbits in so many cells."""
+    """Return empty arrays with room for n orbits in n_cells cells."""
     labels = (np.zeros(n, np.int32) for _ in range(4))
     values = (np.zeros(n) for _ in range(4))
     links = np.full(n, NOWHERE, np.int32), np.full(n_cells, NOWHERE, np.int32), np.full((n, 4), NOWHERE, np.int32)
@@ -242,14 +256,14 @@ def room_for(n: int, n_cells: int) -> Linked:
 
 
 def longer(orbits: Linked) -> Linked:
-    """Return the same orbits in arrays with half as much room again."""
+    """Return the orbits in arrays with half as much room again."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
     return Linked._make(wider)._replace(last=orbits.last)
 
 
 def entered(orbits: Linked, n_known: int, n: int) -> AttractorTable:
-    """Return a row for each orbit that was entered, after so many that were known."""
+    """Return a table of the orbits with numbers n_known to n, which were found by continuation; they have 0 samples."""
     new = slice(n_known, n)
     many = n - n_known
     zeros = np.zeros(many, np.int64)

@@ -1,4 +1,4 @@
-"""The join of a grid piece by piece: what enters a piece from its rim, and what is one in it."""
+"""Join a grid piece by piece: the orbits that enter a piece from its neighbours, and the attractors that are one."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ no_attractors = AttractorTable.empty
 
 
 class GridPiece:
-    """A grid that gets to know its attractors some cells at a time: which orbits exist in it, continued everywhere.
+    """A grid whose attractors become known some cells at a time. Known orbits are continued into all of its cells.
 
-    orbits, n: as `spread` has them. samples (n,): that go to an orbit in its cell, −1 of what was entered.
+    orbits, n: the orbits, in the form of `spread`, and their number.
+    samples (n,): the samples that reach an orbit in its cell, −1 for an orbit that was found by continuation.
     """
 
     def __init__(self, shape: tuple[int, int], cells: Any) -> None:
@@ -27,7 +28,7 @@ class GridPiece:
         self.samples = np.zeros(0, np.int64)
 
     def learn(self, table: AttractorTable) -> None:
-        """Take the periodic rows of a table of cells of which none were known, and continue what is new."""
+        """Add the periodic rows of a table, whose cells were unknown so far, and continue the new orbits."""
         table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:
@@ -43,20 +44,23 @@ class GridPiece:
 def entering(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """Return the orbits that enter the cells of a piece of a grid with `columns` columns.
-
-    Orbits of the attractors inside the piece, and of those beside it, are continued in it until nothing new is found.
-    Rows of one cell are side by side.
+    """Return the orbits that continuation finds in the cells of a piece of a grid.
 
     Parameters
     ----------
+    inside, beside : AttractorTable
+        The attractors in the piece, and those in cells beside it; rows of one cell are neighbours.
     tried : bool
-        Those inside have been continued before.
+        Whether the orbits inside were continued before.
+    columns : int
+        The number of columns of the grid.
+    piece : Rectangle
+        The piece.
 
     Returns
     -------
     AttractorTable
-        A row for each orbit and each cell that it enters.
+        A row for each orbit in each cell in which it is new.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
@@ -64,14 +68,14 @@ def entering(
 
 
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Return numbers (rows,) that join the attractors of a complete grid, as `components` has them.
+    """Return the numbers of `components` for the attractors of a complete grid.
 
-    The table has everything that enters its cells, in the order of its cells.
+    The table has all orbits that continuation finds, in the order of the cells.
 
     Returns
     -------
     NDArray[np.int64]
-        (rows,), the number of each row's component.
+        The numbers (rows,); rows with the same number are one attractor.
     """
     orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

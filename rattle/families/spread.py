@@ -1,4 +1,4 @@
-"""Stable periodic orbits of a grid of cells, continued from cell to cell until nothing new is found (compiled)."""
+"""Flood-fill continuation: stable periodic orbits are continued from cell to cell until nothing new is found."""
 
 import math
 from typing import Any, NamedTuple
@@ -20,16 +20,20 @@ from rattle.orbits.return_map import (
     step,
 )
 
-FARTHEST = 0.2  # from an orbit's point to that of its continuation in the next cell, speeds in their unit
-LEAST_STEP = 2.0**-6  # share of the way from a cell to the next; a step that fails is halved down to it
-ROUNDING = 2.0**-26  # of a point from which Newton's method starts again
+#: Largest distance between an orbit's point and that of its continuation in the next cell, with speeds in their unit.
+FARTHEST = 0.2
+#: Smallest step of continuation, as a share of the way from a cell to the next.
+LEAST_STEP = 2.0**-6
+#: Unit to which a point is rounded before Newton's method starts again.
+ROUNDING = 2.0**-26
+#: In place of an orbit's number: there is no such orbit.
 NOWHERE = -1
-#: Neighbours in the order of their links: one row or column on, and back.
+#: Offsets of the neighbours in rows and columns, in the order of `Linked.to`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
 
 
 class Rectangle(NamedTuple):
-    """Cells of a grid in rows top ≤ i < bottom and columns left ≤ j < right."""
+    """The cells of a grid in rows top ≤ i < bottom and columns left ≤ j < right."""
 
     top: int
     bottom: int
@@ -37,17 +41,17 @@ class Rectangle(NamedTuple):
     right: int
 
 
-#: What a table of attractors says of an orbit, in the order of `enter`.
+#: The columns of a table of attractors that describe an orbit, in the order of the arguments of `enter`.
 OF_ORBIT = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
 
 
 class Linked(NamedTuple):
-    """Stable orbits of the cells of a grid, (room,), the used ones first.
+    """The stable orbits of the cells of a grid, in arrays (room,) whose first n rows are used.
 
-    Cell, label, fastest point, both ln|multiplier|/m, and the orbit of the same cell that was entered before it.
-
-    last (n_cells,): of each cell, the orbit that was entered last. to (room, 4): the orbit that it becomes in each
-    neighbour. NOWHERE: there is none.
+    cell: the cell. m, n_plus, n_minus: the label. tau, v: the fastest departure from Σ⁺.
+    first, second: both ln|multiplier|/m. before: the number of the orbit that was added before in the same cell.
+    last (n_cells,): for each cell the number of the orbit that was added last.
+    to (room, 4): the number of the continuation in each neighbouring cell. NOWHERE in place of a number: there is none.
     """
 
     cell: Any
@@ -64,7 +68,7 @@ class Linked(NamedTuple):
 
 
 @inline
-def alike(i, k, orbits):
+def have_same_label(i, k, orbits):
     """Return whether two orbits have the same label."""
     return (
         orbits.n_plus[i] == orbits.n_plus[k] and orbits.n_minus[i] == orbits.n_minus[k] and orbits.m[i] == orbits.m[k]
@@ -73,11 +77,11 @@ def alike(i, k, orbits):
 
 @kernel
 def orbit_at_point(tau, v, cell, k, near, orbits):
-    """Return the orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if there is none."""
+    """Return the orbit of a cell with the label of orbit k and this fastest point, or NOWHERE."""
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
-        if same and alike(i, k, orbits):
+        if same and have_same_label(i, k, orbits):
             return i
         i = orbits.before[i]
     return NOWHERE
@@ -85,14 +89,14 @@ def orbit_at_point(tau, v, cell, k, near, orbits):
 
 @kernel
 def labelled(tau, v, k, orbits, point):
-    """Return whether the orbit through a point that Newton's method has found is stable and labelled as orbit k.
+    """Return whether the orbit through a point is stable and has the label of orbit k.
 
     Returns
     -------
     tuple
-        The answer, and the logarithms of both multipliers, NaN where it is no.
+        The answer, and the logarithms of both multipliers, NaN if the answer is no.
     """
-    n_plus = np.int64(orbits.n_plus[k])  # as others call `power_map`, which is then compiled once
+    n_plus = np.int64(orbits.n_plus[k])  # the type of other callers, so that `power_map` is compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
     if status != OK or below != orbits.n_minus[k] or int(np.rint(time)) != orbits.m[k]:
         return False, math.nan, math.nan
@@ -102,7 +106,7 @@ def labelled(tau, v, k, orbits, point):
 
 @kernel
 def settled(tau, v, n_plus, point):
-    """Return the same point of an orbit once more, from nearby: so its bits seldom tell from where it was continued."""
+    """Solve for a point of an orbit again from a rounded start, so that its bits hardly depend on its continuation."""
     unit = unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
@@ -115,12 +119,12 @@ def settled(tau, v, n_plus, point):
 def followed(k, here, there, orbits):
     """Follow orbit k from one parameter point to another.
 
-    A step for which Newton's method fails is halved. Between the points the orbit has to attract, with its label.
+    A step for which Newton's method fails is halved. Between the points the orbit must be stable and keep its label.
 
     Returns
     -------
     tuple
-        (found, τ, v) at the second point.
+        (whether it was found, τ, v) at the second point.
     """
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0
@@ -143,7 +147,7 @@ def followed(k, here, there, orbits):
 
 @kernel
 def continue_orbit(k, cell, n, orbits, cells):
-    """Return the number of orbit k's continuation in a neighbouring cell, entered as number n if new; else NOWHERE."""
+    """Return the number of orbit k's continuation in a neighbouring cell, n if it is new and was added, or NOWHERE."""
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
     found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
@@ -157,7 +161,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
         return NOWHERE
     t, w = tau, v
-    for _ in range(n_plus):  # another impact of it may be the fastest here
+    for _ in range(n_plus):  # another impact of the orbit may be the fastest in this cell
         known = orbit_at_point(t, w, cell, k, near, orbits)
         if known != NOWHERE:
             return known
@@ -176,14 +180,14 @@ def continue_orbit(k, cell, n, orbits, cells):
 
 @kernel
 def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
-    """Enter orbits (k,) as numbers n and following, but for those that their cells know.
+    """Add orbits (k,) with the numbers from n on, except those that are known in their cells.
 
-    Write to which (k,) the number of each. There is room for all of them.
+    The arrays must have room for all. The number of each orbit is written to which (k,).
 
     Returns
     -------
     result
-        The next free number n.
+        The next free number.
     """
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
@@ -199,14 +203,14 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
 
 @kernel
 def spread(done, n, columns, inside, cells, orbits):
-    """Continue the orbits from number `done` on, of n, into the neighbours of their cells.
+    """Continue the orbits with numbers from `done` to n into the neighbouring cells, and the orbits found there too.
 
-    These are in a rectangle of a grid with so many columns; orbits found there are continued too.
+    Only cells in the rectangle `inside` of a grid with `columns` columns are entered.
 
     Returns
     -------
     result
-        Both numbers again: equal when nothing remains, else there is no more room.
+        Both numbers (done, n) again. They are equal when all orbits are continued; if not, the arrays are full.
     """
     room = orbits.cell.size
     while done < n and n + 4 <= room:
@@ -226,9 +230,9 @@ def spread(done, n, columns, inside, cells, orbits):
 
 @kernel
 def lead(one, other, steps, way, orbits, arrives):
-    """Write whether orbits one (k,) become the orbits other (k,) of cells beside theirs when followed in so many steps.
+    """Write to arrives (k,) whether orbits one (k,) become orbits other (k,) in a number of small steps.
 
-    Way: the parameters of these (k·steps,), as cells.
+    way: the parameters of all steps (k·steps,), as cells.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]

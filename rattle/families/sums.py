@@ -1,4 +1,4 @@
-"""Sums over cells that describe families and can be added, so that the pieces of a grid are handled one by one."""
+"""Sums over cells that describe families. Sums of the pieces of a grid can be added, so pieces are handled singly."""
 
 from __future__ import annotations
 
@@ -10,18 +10,22 @@ from numpy.typing import NDArray
 
 from rattle.attractors.table import AttractorTable
 
+#: The number of quiet motion as a family, and the number in place of a family for undecided samples.
 QUIET_FAMILY, NO_FAMILY = 0, -1
 
 Integers = NDArray[np.int64]
 
 
 class Sums(NamedTuple):
-    """Sums over some cells of a grid, arrays (components,) by rising number of the components.
+    """Sums over some cells of a grid: one entry for each component, in rising order of `component`.
 
-    kind, m, n_plus, n_minus: the label. cells: that have it; rows: attractors of it, more where a cell has two;
-    unsampled: those to which no sample goes; samples: that go to them. top, bottom, left, right: the first and the last
-    row and column of its cells. most: samples of an attractor, and `at` the first cell that has them. exponent: the
-    largest λ₁, −∞ if none is known. first, place: the cell of its first attractor, and how many are before it there.
+    component: the number of the component. kind, m, n_plus, n_minus: its label.
+    cells: the number of its cells. rows: the number of its attractors, more than `cells` if a cell has two.
+    unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach others.
+    top, bottom, left, right: the first and the last row and column of its cells.
+    most: the largest number of samples of one attractor. at: the first cell that has this number.
+    exponent: the largest λ₁, −∞ if none is known.
+    first: the cell of its first attractor. place: the number of attractors before it in that cell.
     """
 
     component: Integers
@@ -45,11 +49,11 @@ class Sums(NamedTuple):
 
 
 def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
-    """Return the sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
+    """Return the sums of a table in the order of its cells; component (rows,); columns: those of the grid."""
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)
     component, cell, samples = component[of], table.cell[of], table.samples[of]
-    here = np.lexsort((cell, component))  # keeps the order of rows
+    here = np.lexsort((cell, component))  # equal keys keep the order of rows
     again = np.zeros(of.size, np.bool_)
     same = (component[here][1:] == component[here][:-1]) & (cell[here][1:] == cell[here][:-1])
     again[here[1:][same]] = True
@@ -79,7 +83,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
 
 
 def add_sums(parts: Iterable[Sums]) -> Sums:
-    """Return the sums of all cells from those of some, each cell in one of them."""
+    """Return the sums over all cells from sums over disjoint sets of cells."""
     all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_
@@ -98,15 +102,15 @@ def add_sums(parts: Iterable[Sums]) -> Sums:
 
 
 def numbers_of(sums: Sums) -> Integers:
-    """Return the family of each component, which indexes it, −1 too.
+    """Return an array that has the number of the family of each component, at the index `component`; also at −1.
 
-    Families go by falling number of cells, and where these are equal by their first attractors, so that nothing but the
-    cells decides a number.
+    The numbers follow the falling number of cells, and for equal numbers the first attractors. So they depend on the
+    cells alone.
 
     Returns
     -------
     Integers
-        (components,), 0 for the family with most cells.
+        The numbers of families: 0 for quiet motion, from 1 on for the others.
     """
     others = np.flatnonzero(sums.component != QUIET_FAMILY)
     order = others[np.lexsort((sums.place[others], sums.first[others], -sums.cells[others]))]

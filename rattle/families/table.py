@@ -1,4 +1,4 @@
-"""Families of attractors over a grid of cells, and what is known of each."""
+"""The results: the families of attractors over a grid of cells, and a table of their properties."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,13 +12,15 @@ from rattle.families.sums import QUIET_FAMILY, Sums, numbers_of
 
 
 class FamilyTable(NamedTuple):
-    """Families of a grid, all arrays (families,), by number: quiet motion is 0, the others by falling number of cells.
+    """The properties of the families of a grid, as arrays (families,) by number.
 
-    kind indexes KINDS; m, n_plus, n_minus: the label, 0 unless periodic. cells: that have it; unsampled: those
-    of them where no sample goes to it. delta_low to epsilon_high: the box of its cells.
-    largest_fraction of the samples of a cell, delta_at and epsilon_at that cell; mean_fraction over its cells.
-    exponent: the largest λ₁ of them. monodromy: some cell has two attractors of this family, which are one on a way
-    round through other cells.
+    Family 0 is quiet motion; the others are in order of falling number of cells.
+    kind: the number in KINDS. m, n_plus, n_minus: the label, 0 unless periodic.
+    cells: the number of its cells. unsampled: the number of its cells in which no sample reaches it.
+    delta_low, delta_high, epsilon_low, epsilon_high: the box of its cells.
+    largest_fraction: its largest basin fraction in a cell, at (delta_at, epsilon_at). mean_fraction: the mean over its
+    cells. exponent: its largest λ₁.
+    monodromy: whether a cell has two attractors of the family, which are connected through other cells.
     """
 
     kind: NDArray[np.int64]
@@ -41,11 +43,13 @@ class FamilyTable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Families:
-    """The attractors of the cells `epsilon` (m,) × `delta` (n,), joined.
+    """The attractors of the cells `epsilon` (m,) × `delta` (n,), joined to families.
 
-    count: samples of a cell. attractors: of all cells, row by row of the grid, with the orbits that were continued into
-    cells that did not know them, which have samples 0. entered (rows,): whether it is one of these; family (rows,): its
-    number, −1 where samples are undecided. table: of the families.
+    count: the number of samples of a cell.
+    attractors: the attractors of all cells, row by row of the grid; orbits that were found by continuation have 0
+    samples. entered (rows,): whether an attractor was found by continuation. family (rows,): the number of its family,
+    −1 for undecided samples.
+    table: the properties of the families.
     """
 
     delta: NDArray[np.float64]
@@ -57,7 +61,7 @@ class Families:
     table: FamilyTable
 
     def fractions(self, number: int) -> NDArray[np.float64]:
-        """Return the share of the samples that a family wins, (m, n); NaN where it is not."""
+        """Return the basin fraction of a family in each cell (m, n), NaN where it does not exist."""
         rows, shape = self.family == number, (self.epsilon.size, self.delta.size)
         cell, samples = self.attractors.cell, self.attractors.samples
         n_cells = shape[0] * shape[1]
@@ -67,9 +71,9 @@ class Families:
 
 
 def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
-    """Return the table of families of cells `epsilon` (m,) × `delta` (n,) with `count` samples each.
+    """Return the properties of families of cells `epsilon` (m,) × `delta` (n,) from the sums over all cells.
 
-    It is made from the sums of all cells.
+    count: the number of samples of a cell.
 
     Returns
     -------
@@ -79,7 +83,8 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     family = numbers_of(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
-    def of(values: NDArray[Any], nothing: float = 0) -> NDArray[Any]:
+    def by_family(values: NDArray[Any], nothing: float = 0) -> NDArray[Any]:
+        """Return values of components as a column of families; nothing: the value of a family without a component."""
         column = np.full(n, nothing, values.dtype)
         column[family] = values
         return column
@@ -87,24 +92,25 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     def between(
         axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the lower and the upper values of an axis at two indices, by family."""
         low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
-        return of(low, np.nan), of(high, np.nan)
+        return by_family(low, np.nan), by_family(high, np.nan)
 
     row, column = np.divmod(sums.at, delta.size)
     exponent = np.where(np.isfinite(sums.exponent), sums.exponent, np.nan)
     return FamilyTable(
-        of(sums.kind, Outcome.QUIET),
-        of(sums.m),
-        of(sums.n_plus),
-        of(sums.n_minus),
-        of(sums.cells),
-        of(sums.unsampled),
+        by_family(sums.kind, Outcome.QUIET),
+        by_family(sums.m),
+        by_family(sums.n_plus),
+        by_family(sums.n_minus),
+        by_family(sums.cells),
+        by_family(sums.unsampled),
         *between(delta, sums.left, sums.right),
         *between(epsilon, sums.top, sums.bottom),
-        of(sums.most / count),
-        of(sums.samples / (count * np.maximum(sums.cells, 1))),
-        of(delta[column], np.nan),
-        of(epsilon[row], np.nan),
-        of(exponent, np.nan),
-        of(sums.rows > sums.cells),
+        by_family(sums.most / count),
+        by_family(sums.samples / (count * np.maximum(sums.cells, 1))),
+        by_family(delta[column], np.nan),
+        by_family(epsilon[row], np.nan),
+        by_family(exponent, np.nan),
+        by_family(sums.rows > sums.cells),
     )

@@ -1,4 +1,4 @@
-"""Pairs of gears in SI units, as engineers have them."""
+"""Pairs of gears in SI units, with the numbers that engineers know."""
 
 from rattle.machine.conversion import DRIVES, Reduced, Units
 from rattle.machine.given import RPM, UNITS

@@ -1,6 +1,7 @@
-"""The numbers of machines as parameters of the model, and what a unit of it is there: plain numbers, or arrays of them.
+"""Convert the SI numbers of a pair of gears to the model's parameters, and the model's units to SI.
 
-docs/decisions/0025-machine.md has every step for two equal gears, docs/decisions/0065-two-gears.md for two unlike ones.
+All functions take plain numbers or arrays. The derivation is in docs/decisions/0025-machine.md for two equal gears, and
+in docs/decisions/0065-two-gears.md for two different gears.
 """
 
 from typing import Any, NamedTuple
@@ -9,15 +10,16 @@ import numpy as np
 
 from rattle.flight.forcing import TWO_PI
 
-DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ωt, of two equal gears
+#: For each drive the ratio of the model's Φ to φ + (e/r) cos Ωt, for two equal gears.
+DRIVES = {"torque": 1.0, "speed": 2.0}
 
 
 class Units(NamedTuple):
-    """SI units of the model's units; multiply by them.
+    """The SI sizes of the model's units: a number of the model times its unit is the number in SI.
 
-    length (m): of Φ along the line of action. time (s): a forcing period. velocity (m/s): of speeds, along the line of
-    action. energy (J): of v²/2, for the kinetic energy of an impact. power (W): of v²/2 per forcing period. force (N):
-    between the teeth. frequency (Hz): of orders.
+    length (m): for Φ, along the line of action. time (s): the forcing period.
+    velocity (m/s): for speeds, along the line of action. energy (J): for v²/2, the kinetic energy of an impact.
+    power (W): for v²/2 per forcing period. force (N): for the force between the teeth. frequency (Hz): for orders.
     """
 
     length: Any
@@ -30,26 +32,27 @@ class Units(NamedTuple):
 
 
 class Reduced(NamedTuple):
-    """Two gears as the one coordinate between their teeth has them, plain numbers or arrays.
+    """Two gears, reduced to the one coordinate x along the line of action between their teeth.
 
-    If both gears are equal these are their own numbers, and `scale` is that of `DRIVES`.
+    If both gears are equal, these are the numbers of each of them, and `scale` is the value in `DRIVES`.
 
     Parameters
     ----------
     inertia, drag : float
-        kg m² and N m s/rad, referred to the first gear and the forcing's speed; their ratio is the rate of x'.
+        Reduced inertia in kg m² and drag in N m s/rad, referred to the first gear and the speed of the forcing; their
+        ratio is the damping rate of x.
     radius : float
-        m, base radius of the first gear.
+        Base radius of the first gear, m.
     speed : float
-        rad/s, 2π over the forcing period.
+        2π over the forcing period, rad/s.
     scale : float
-        Φ of the model over x/radius.
+        Ratio of the model's Φ to x/radius.
     ratio : float
         Base radius of the first gear over that of the second.
     rate_difference : float
-        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)², 1/s², which the single rate leaves out; 0 where it is exact.
+        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², a measure of what the single damping rate neglects; 0 if it is exact.
     drift : float
-        m/s², what drives the teeth together without a load.
+        Acceleration that drives the teeth together without a load, m/s².
     """
 
     inertia: Any
@@ -73,14 +76,14 @@ def reduced(
     driven_radius: Any,
     base: float = 1.0,
 ) -> Reduced:
-    """Reduce two gears to one equation for x = r₁θ₁ − r₂θ₂, in forcing periods of 1/base revolutions of the first.
+    """Reduce two gears to one equation for x = r₁θ₁ − r₂θ₂. A forcing period is 1/base revolutions of the first gear.
 
     With m = I/r² and γ = c/I of either gear, and V the mean speed of the base circles,
 
         x'' = m₂γ₂V/μ + T₂/(r₂μ) − γx',      γ = (γ₁m₂ + γ₂m₁)/(m₁ + m₂),      1/μ = 1/m₁ + 1/m₂.
 
-    An imposed speed is m₁ = ∞. With γ₁ = γ₂ this is exact; else it leaves out (γ₂ − γ₁)(u − V), u being the speed of
-    the common motion (`rate_error`).
+    An imposed speed means m₁ = ∞. The equation is exact if γ₁ = γ₂. If not, it neglects (γ₂ − γ₁)(u − V), where u is
+    the speed of the common motion (`rate_error`).
 
     Parameters
     ----------
@@ -89,7 +92,7 @@ def reduced(
     speed : float or ndarray
         Mean speed of the first gear, rad/s.
     drive : str
-        Which of its "torque" and its "speed" is imposed.
+        "torque" or "speed": the quantity that is imposed on the first gear.
     base : float
         Forcing periods in a revolution of the first gear.
 
@@ -116,12 +119,14 @@ def reduced(
 
 
 def _plain(number: Any) -> Any:
-    """Return a float of an array without axes, an array as it is."""
+    """Return a number without axes as a float, and an array unchanged."""
     return float(number) if np.ndim(number) == 0 else number
 
 
 def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
-    """Return the largest share of the driving force that the single rate of `reduced` leaves out, once settled.
+    """Return a bound of the share of the driving force that the single damping rate of `reduced` neglects.
+
+    The bound holds after transients.
 
     The common motion has m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys y' = −Γy − kx' with
     k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays below |k| max|x|, so |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
@@ -140,23 +145,23 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     float or ndarray
         The bound, 0 where the reduction is exact.
     """
-    with np.errstate(all="ignore"):  # what hardly turns is driven by nothing
+    with np.errstate(all="ignore"):  # at speed 0 the driving force is 0
         share = np.divide(2.0 * pair.rate_difference * (0.5 * backlash + forcing), pair.drift * (1.0 + load))
     return _plain(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
 
 
 def damping(pair: Reduced) -> Any:
     """Return δ = 2πc/(IΩ)."""
-    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # infinite of what turns too slowly
+    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # infinite at speed 0
 
 
 def over_radius(length: Any, pair: Reduced) -> Any:
-    """Return ε of an amplitude of the transmission error, along the line of action."""
+    """Return ε from an amplitude of the transmission error along the line of action, in m."""
     return pair.scale * length / pair.radius
 
 
 def half_backlash(backlash: Any, pair: Reduced) -> Any:
-    """Return β."""
+    """Return β from the backlash along the line of action, in m."""
     return pair.scale * backlash / (2.0 * pair.radius)
 
 

@@ -1,8 +1,9 @@
 """The transmission error of two gears as one sum of harmonics over their common period.
 
-A component of order k of the first gear's revolution has the order k z₂/gcd on the common period of the pair, one of
-the second gear's k z₁/gcd, one of the tooth mesh k lcm. The forcing period is the longest that all components share:
-where only the tooth mesh is there, that is one mesh.
+The common period of a pair with tooth numbers z₁ and z₂ contains lcm(z₁, z₂) meshes. A component of order k of the
+first gear's revolution has the order k z₂/gcd in it, one of the second gear k z₁/gcd, and one of the tooth mesh k lcm.
+The
+forcing period is the shortest period that all components share: one mesh if there are components of the mesh alone.
 """
 
 from __future__ import annotations
@@ -19,25 +20,25 @@ from rattle.errors import require, require_finite
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS, Harmonic
 
 Component = tuple[Fraction, Any, Any]  # order of the first gear's revolution, amplitude in m, phase in turns
-#: Numbers of a machine that are amplitudes, and the order of each of the tooth mesh; 0: of the second gear.
+#: Numbers of a machine that are amplitudes, and their orders of the tooth mesh; 0 means the second gear's revolution.
 AMPLITUDES = {"driven_eccentricity": 0, "mesh_error": 1, "mesh_error_2": 2, "mesh_error_3": 3}
 
 
 class PairForcing(NamedTuple):
-    """The transmission error of one pair or of many, arrays (…,).
+    """The transmission error of one pair of gears, or of many as arrays (…,).
 
     Parameters
     ----------
     base : float
         Forcing periods in a revolution of the first gear.
     amplitude : float or ndarray
-        m: that of the first harmonic, or the largest where a pair has no first one; ε is made from it.
+        Amplitude of the first harmonic in m, or the largest amplitude if there is no first harmonic; it determines ε.
     total : float or ndarray
-        m: the sum of all amplitudes, a bound of the error.
+        Sum of all amplitudes in m, a bound of the error.
     orders : tuple of int
-        Of the forcing period, rising, the first among them if any other is.
+        Orders of the forcing period, rising; order 1 is among them, if there are any.
     relative, phase : ndarray, (K, …)
-        Amplitudes over `amplitude`, and phases in turns, of each.
+        Amplitude of each order over `amplitude`, and phase in turns.
     """
 
     base: float
@@ -48,14 +49,14 @@ class PairForcing(NamedTuple):
     phase: NDArray[np.float64]
 
     def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
-        """Return the harmonics beside the first as `rattle.Gear` takes them, of one of many pairs.
+        """Return the harmonics besides the first, in the form that `rattle.Gear` takes; number: the pair of many.
 
-        Where a pair has no first harmonic, it is given with amplitude 0.
+        If a pair has no first harmonic, it is returned with amplitude 0.
 
         Returns
         -------
         tuple of Harmonic
-            Order, amplitude over that of `amplitude`, and phase of each.
+            Order, amplitude over `amplitude`, and phase of each.
         """
         found = []
         for order, size, phase in zip(self.orders, self.relative, self.phase, strict=True):
@@ -66,7 +67,7 @@ class PairForcing(NamedTuple):
 
 
 def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, float, float], ...]:
-    """Return a list of (order, amplitude in m, phase in turns). Raises ParameterError on what is none."""
+    """Return a checked list of (order, amplitude in m, phase in turns). Raises ParameterError."""
     shape = f"{name} must be a list of (order, amplitude in metres, phase in turns), such as [(20, 1e-7, 0.0)]"
     try:
         rows = [tuple(each) for each in given]
@@ -77,7 +78,7 @@ def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, floa
         require(len(row) == 3, f"{shape}, got {given!r:.80}")
         order = require_finite(f"an order of {name}", row[0])
         require(order == int(order) and order >= 1, f"an order of {name} must be an integer from 1 on, got {order:g}")
-        require(order not in seen, f"{name} has order {order:g} twice: add both up to one")
+        require(order not in seen, f"{name} has order {order:g} twice: add both to one component")
         seen.add(order)
         size = require_finite(f"order {order:g} of {name}", row[1])
         require(size >= 0.0, f"order {order:g} of {name} must not be negative: add half a turn to its phase")
@@ -92,21 +93,21 @@ def components_of(
     errors: Sequence[tuple[int, Any, Any]] = (),
     driven_errors: Sequence[tuple[int, Any, Any]] = (),
 ) -> list[Component]:
-    """Return all parts of the transmission error.
+    """Return all components of the transmission error with an amplitude above 0.
 
     Parameters
     ----------
     teeth, driven_teeth : int, optional
-        Tooth numbers; without them the gears turn alike and no tooth mesh is known.
+        Tooth numbers; without them both gears turn at the same speed, and there are no errors of the mesh.
     numbers : dict
         Amplitudes in m by name: eccentricity, and those of `AMPLITUDES`.
     errors, driven_errors : sequence of (int, amplitude, phase)
-        By order of the revolution of the first and of the second gear.
+        Components by their order in the revolution of the first and of the second gear.
 
     Returns
     -------
     list of Component
-        Those with an amplitude above 0.
+        Orders of the first gear's revolution, amplitudes and phases.
     """
     turns = Fraction(1) if teeth is None or driven_teeth is None else Fraction(teeth, driven_teeth)
     found: list[Component] = [(Fraction(1), numbers.get("eccentricity", 0.0), 0.0)]
@@ -121,9 +122,9 @@ def components_of(
 
 
 def assembled(components: Sequence[Component]) -> PairForcing:
-    """Return the sum of all parts over the period that they share.
+    """Return the sum of all components over the period that they share.
 
-    Parts of one order are added as phasors, and time begins where the first harmonic, if there is one, has phase 0.
+    Components of one order are added as phasors. Time 0 is where the first harmonic, if there is one, has phase 0.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def assembled(components: Sequence[Component]) -> PairForcing:
     Raises
     ------
     ParameterError
-        An order, or the number of harmonics, exceeds what a forcing may have.
+        If an order, or the number of harmonics, exceeds its limit.
     """
     if not components:
         return PairForcing(1.0, 0.0, 0.0, (), np.empty((0,)), np.empty((0,)))
@@ -145,9 +146,9 @@ def assembled(components: Sequence[Component]) -> PairForcing:
     orders = tuple(sorted({1, *of}))
     require(
         orders[-1] <= HIGHEST_ORDER,
-        f"the parts of the transmission error share a period of {1 / float(base):g} revolutions only, of which "
-        f"the fastest has order {orders[-1]}, above {HIGHEST_ORDER}: leave out what matters "
-        "least, or its highest orders",
+        f"the parts of the transmission error share a period of {1 / float(base):g} revolutions, in which the fastest "
+        f"has order {orders[-1]}, above the limit of {HIGHEST_ORDER}: leave out the part that matters least, or its "
+        "highest orders",
     )
     require(
         len(orders) <= MOST_HARMONICS,
@@ -167,7 +168,7 @@ def assembled(components: Sequence[Component]) -> PairForcing:
 
 
 def _sum_of(parts: list[tuple[Any, Any]]) -> tuple[Any, Any]:
-    """Return amplitude and phase of harmonics of one order."""
+    """Return amplitude and phase of the sum of components (amplitude, phase) of one order."""
     if len(parts) == 1:
         return parts[0]
     phasor = sum(size * np.exp(2j * np.pi * np.asarray(phase)) for size, phase in parts)

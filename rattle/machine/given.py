@@ -1,4 +1,4 @@
-"""Read the numbers of a machine as plain SI numbers, and decide whether these can be meant."""
+"""Check the numbers of a machine: convert them to SI, and refuse numbers that must be in other units."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,33 +23,41 @@ UNITS = {
     "driven_radius": "m",
     **dict.fromkeys(AMPLITUDES, "m"),
 }
-#: Numbers that may be 0, what else than the eccentricity shakes the teeth, and the load.
+#: Numbers that may be 0: all amplitudes, and the load.
 MAY_BE_ZERO = ("eccentricity", "load_torque", *AMPLITUDES)
-DRIVEN = ("inertia", "drag", "radius")  # what the second gear has of its own, as driven_inertia and so on
+#: Numbers that the second gear may have of its own, as driven_inertia and so on.
+DRIVEN = ("inertia", "drag", "radius")
 ANGLES = ("rad", "rev", "turn", "deg", "cycle")
-RPM = TWO_PI / 60.0  # rad/s
+#: One revolution per minute in rad/s.
+RPM = TWO_PI / 60.0
 
-LARGEST_RADIUS = 5.0  # m
-WIDEST = 0.1  # of the base radius: backlash and eccentricity
-ROUNDED = 0.01  # of the ratio: how far radii on a drawing may be from the tooth numbers
+#: Largest base radius, m.
+LARGEST_RADIUS = 5.0
+#: Largest backlash and eccentricity, over the base radius.
+WIDEST = 0.1
+#: Largest relative difference between the ratio of the radii and that of the tooth numbers, from rounding on a drawing.
+ROUNDED = 0.01
 MOST_TEETH = 1000
-STEEL, HEAVIEST = 7850.0, 1e4  # kg/m³; inertia over that of a steel disc as wide as its radius
-FASTEST = 100.0  # m/s at the base circle, from which on a number in rad/s is doubted: turbines' gears reach 200
+#: Density of steel in kg/m³, and the largest inertia over that of a steel disc as wide as its radius.
+STEEL, HEAVIEST = 7850.0, 1e4
+#: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
+FASTEST = 100.0
+#: Largest speed of the base circle, m/s.
 IMPOSSIBLE = 1000.0
 
 
 def in_si(name: str, value: Any) -> float:
-    """Return a number in the unit of UNITS, from one or from a quantity of `pint`.
+    """Return a number of a machine in SI, from a number in SI or from a quantity of `pint`.
 
     Returns
     -------
     float
-        In the unit of UNITS for this name.
+        The number in the unit that UNITS has for this name.
 
     Raises
     ------
     ParameterError
-        Unless it is above 0, or of `MAY_BE_ZERO` at least 0.
+        If the number is not above 0 (for `MAY_BE_ZERO`: below 0), or the quantity is of another kind.
     """
     if is_quantity(value):
         if name == "speed" and not any(angle in str(value.units) for angle in ANGLES):
@@ -62,12 +70,12 @@ def in_si(name: str, value: Any) -> float:
 
 
 def is_quantity(value: Any) -> bool:
-    """Return whether this is a quantity of `pint`."""
+    """Return whether a value is a quantity of `pint`."""
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
 def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
-    """Raise ParameterError on numbers, named with a prefix, that can only be in other units than SI's."""
+    """Raise ParameterError if a number is so large that it must be in another unit; prefix: of names in messages."""
     require(radius > 0.0, f"{prefix}radius is 0 in double precision: give larger radii in metres")
     require(
         radius <= LARGEST_RADIUS,
@@ -89,7 +97,7 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
 
 
 def teeth_of(name: str, value: Any) -> int | None:
-    """Return a number of teeth, None for none. Raises ParameterError."""
+    """Return a checked number of teeth, or None if it is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number(name, value, positive=True)
@@ -101,17 +109,17 @@ def teeth_of(name: str, value: Any) -> int | None:
 
 
 def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
-    """Return the second gear's base radius, which its tooth number decides where it is not given.
+    """Return the base radius of the second gear, as given or from the tooth numbers, after checks of both gears.
 
     Returns
     -------
     float or ndarray
-        m; the first gear's radius where neither the second's radius nor its tooth number is given.
+        The radius in m; that of the first gear if neither the radius nor the tooth number of the second is given.
 
     Raises
     ------
     ParameterError
-        Radii and tooth numbers disagree, or a second gear of another size lacks its inertia or drag.
+        If radii and tooth numbers disagree, or a second gear of another size lacks its inertia or drag.
     """
     driven = given.get("driven_radius")
     require(
@@ -124,7 +132,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
         off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
         require(
             off <= ROUNDED,
-            f"base radii are in the ratio of the tooth numbers, {driven_teeth}/{teeth}, and these are "
+            f"base radii must have the ratio of the tooth numbers, {driven_teeth}/{teeth}, and these are "
             f"{100 * off:.3g} % off: check them, or leave out driven_radius",
         )
     if np.any(np.not_equal(driven, radius)):
@@ -134,14 +142,11 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
 
 
 def require_slow(speed: float, radius: float, sure: bool) -> None:
-    """Raise ParameterError on a speed in rad/s at which nothing turns.
-
-    Unless the unit is sure, a speed that seems to be in rpm is refused too.
-    """
+    """Raise ParameterError if a speed in rad/s is impossible; unless `sure`, also if it seems to be in rpm."""
     rpm, velocity = speed / RPM, speed * radius
-    require(velocity <= IMPOSSIBLE, f"nothing turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")
+    require(velocity <= IMPOSSIBLE, f"no gear turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")
     require(
         sure or velocity <= FASTEST,
         f"speed is in rad/s: {speed:g} rad/s are {rpm:.6g} rpm, {velocity:.3g} m/s at the base circle; for "
-        f"{speed:g} rpm give rpm={speed:g}, and if it is meant rpm={rpm:.6g}",
+        f"{speed:g} rpm give rpm={speed:g}, and if the speed is right give rpm={rpm:.6g}",
     )

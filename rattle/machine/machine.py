@@ -1,18 +1,18 @@
-"""Two gears in SI units: which parameter point they are, and their motions back in SI units.
+"""Two gears in SI units: their parameter point in the model, and the results of the model in SI units.
 
-The first gear drives the second. Along the line of action lies a backlash j, the transmission error is e(t), and teeth
-press on each other with k times their depth. With x = r₁θ₁ − r₂θ₂ and T₂ the load torque
+The first gear drives the second. Along the line of action there are a backlash j, the transmission error e(t) and the
+mesh stiffness k. With x = r₁θ₁ − r₂θ₂, the tooth force F and the load torque T₂
 
     I₁θ₁'' + c₁θ₁' = T₁ − F r₁,      I₂θ₂'' + c₂θ₂' = F r₂ − T₂
 
-Drive "torque" has a constant T₁, which keeps the mean speed; drive "speed" imposes θ₁ = Ωt. For two equal gears without
-a load, φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt give the paper's (2.1) to (2.4) in forcing periods 2π/Ω, with
+Drive "torque" has a constant T₁, which maintains the mean speed; drive "speed" imposes θ₁ = Ωt. For two equal gears
+without a load, φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt give the paper's (2.1) to (2.4) in forcing periods 2π/Ω, with
 
     δ = 2πc/(IΩ),      ε = e/r,      β = j/2r
 
-(drive "speed": Φ, ε and β of the model are twice those, and a stiffness counts half). docs/decisions/0025-machine.md
-has every step for these, docs/decisions/0065-two-gears.md for two unlike gears, reduced by
-`conversion.reduced`.
+With drive "speed", Φ, ε and β of the model are twice these, and the stiffness is half. The derivation is in
+docs/decisions/0025-machine.md; docs/decisions/0065-two-gears.md has it for two different gears, which
+`conversion.reduced` reduces to one equation.
 """
 
 import math
@@ -36,15 +36,19 @@ from rattle.parameters import Harmonic
 if TYPE_CHECKING:
     from rattle.models import AnyGear
 
-PICOWATT = 1e-12  # W, reference of sound power levels (ISO 1683)
+#: Reference of sound power levels in W (ISO 1683).
+PICOWATT = 1e-12
 
 
 class MachineIntensity(NamedTuple):
-    """The loudness of a motion, in SI units.
+    """The intensity of a motion in SI units.
 
-    impacts: per second, on both walls. mean_velocity, largest_velocity: of impacts, m/s along the line of action.
-    energy: kinetic energy of the impacts of a revolution, J. power: what they hand over, W, power_error its 95 %
-    half-width (0: exact). level: of that power, dB relative to 1 pW; −inf if quiet. contact: share of time in contact.
+    impacts: impacts per second, on both walls.
+    mean_velocity, largest_velocity: speeds of impacts along the line of action, m/s.
+    energy: kinetic energy of the impacts in a forcing period, J.
+    power: energy of the impacts per time, W; power_error: its 95 % half-width, 0 if it is exact.
+    level: the level of the power in dB relative to 1 pW, −inf if quiet.
+    contact: share of time in contact.
     """
 
     impacts: float
@@ -59,45 +63,46 @@ class MachineIntensity(NamedTuple):
 
 @dataclass(frozen=True, init=False, repr=False)
 class Machine:
-    """Two gears: equal gears with the first six numbers, unlike ones with those of the driven gear too.
+    """A pair of gears, the first of which drives the second.
 
-    Without numbers of a second gear both have this inertia, this drag and this base radius, so the ratio is 1. Numbers
-    are in SI units, or quantities of `pint`; lengths are along the line of action.
+    By default both gears have the same inertia, drag and base radius. Numbers are in SI units, or quantities of `pint`;
+    lengths are along the line of action.
 
     Parameters
     ----------
     inertia, drag, radius : float
-        Of the first gear with what turns with it: kg m²; N m s/rad, the drag torque over the speed; m, base circle.
+        Inertia (kg m²) and drag torque over speed (N m s/rad) of the first gear with all parts that turn with it, and
+        its base radius (m).
     backlash : float
-        m, the whole of it.
+        The whole backlash, m.
     eccentricity : float
-        m, the amplitude of the transmission error once a revolution of the first gear; 0 if `errors` has it.
+        Amplitude of the transmission error once a revolution of the first gear, m; 0 if `errors` has it.
     speed, rpm : float
         Mean speed of the first gear in rad/s, or in revolutions per minute.
     drive : str
-        "torque", a constant one on the first gear, or "speed", an imposed one, as of most loose gears.
+        "torque": a constant torque on the first gear. "speed": an imposed speed, as for most loose gears.
     stiffness : float, optional
-        N/m of the mesh; without it teeth do not give way.
+        Stiffness of the mesh, N/m; without it the teeth are rigid.
     restitution : float, optional
-        Speed after an impact over that before it, from 0 (excluded) to 1, elastic impacts, the default.
+        Speed after an impact over the speed before it, above 0 and at most 1; by default 1, elastic impacts.
     load_torque : float, optional
-        N m that the second gear drives, beside its drag.
+        Torque that the second gear drives besides its drag, N m.
     driven_inertia, driven_drag, driven_radius : float, optional
         The same three numbers of the second gear; by default those of the first.
     teeth, driven_teeth : int, optional
-        Tooth numbers of both. They make driven_radius if that is not given.
+        Tooth numbers of both gears. They determine driven_radius if it is not given.
     driven_eccentricity : float, optional
-        m, once a revolution of the second gear.
+        Amplitude once a revolution of the second gear, m.
     mesh_error, mesh_error_2, mesh_error_3 : float, optional
-        m, the amplitudes once, twice and three times a tooth.
+        Amplitudes once, twice and three times a tooth, m.
     errors, driven_errors : sequence of (int, float, float)
-        Any other parts: order of the revolution of the first or the second gear, amplitude in m, phase in turns. A
+        Other components: order in the revolution of the first or second gear, amplitude in m, phase in turns. A
         measured transmission error is `read_transmission_error(…).harmonics`.
 
     Raises
     ------
     ParameterError
-        A number is not above 0 (amplitudes and load may be 0), can only be in other units, or contradicts another.
+        If a number is not above 0 (amplitudes and load may be 0), must be in another unit, or contradicts another.
     """
 
     inertia: float
@@ -142,7 +147,7 @@ class Machine:
         **second: Any,
     ) -> None:
         require_one_of("drive", drive, DRIVES)
-        require((speed is None) != (rpm is None), "give the mean speed once: speed in rad/s, or rpm")
+        require((speed is None) != (rpm is None), "give the mean speed once: either speed in rad/s, or rpm")
         known = ("load_torque", *(f"driven_{name}" for name in DRIVEN), *AMPLITUDES)
         for name in second:
             require_one_of("a number of a machine", name, known)
@@ -169,7 +174,7 @@ class Machine:
         self._require_one_pair()
 
     def _require_one_pair(self) -> None:
-        """Raise ParameterError where numbers of the second gear are in other units, or contradict others."""
+        """Raise ParameterError if numbers of the second gear must be in other units, or contradict others."""
         total = self._point.forcing.total
         require(
             total <= WIDEST * self.radius,
@@ -178,19 +183,19 @@ class Machine:
         )
         require(
             not (self.eccentricity and any(order == 1 for order, _, _ in self.errors)),
-            "eccentricity and order 1 of errors are the same error: give eccentricity=0",
+            "eccentricity is order 1 of errors, which has this order too: give eccentricity=0",
         )
         pair = self._point.pair
         own = float(pair.radius / pair.ratio)
         require_plausible(self.driven_inertia or self.inertia, 0.0, 0.0, own, "driven_")
         require(
             self.stiffness is None or set(self.added) == {"kappa"},
-            "teeth with a stiffness have elastic impacts and one harmonic here: leave out stiffness, or restitution, "
+            "with a stiffness the model has elastic impacts and one harmonic: leave out stiffness, or restitution, "
             "load_torque and all errors but one",
         )
 
     def __repr__(self) -> str:
-        """Return its numbers, without those that were not given."""
+        """Return the class with the numbers that were given."""
         shown = [(each.name, getattr(self, each.name)) for each in fields(self)]
         kept = shown[: len(shown) if self._is_unlike else 8]
         words = [f"{name}={value!r}" for i, (name, value) in enumerate(kept) if i < 8 or value not in (None, ())]
@@ -198,10 +203,12 @@ class Machine:
 
     @property
     def _is_unlike(self) -> bool:
+        """Whether any number besides the first eight was given."""
         return any(getattr(self, each.name) not in (None, ()) for each in fields(self)[8:])
 
     @cached_property
     def _point(self) -> MachinePoint:
+        """The machine's parameter point, with its units."""
         numbers = {each.name: getattr(self, each.name) for each in fields(self)}
         return machine_point(numbers, self.speed, self.errors, self.driven_errors)
 
@@ -217,7 +224,7 @@ class Machine:
 
     @property
     def epsilon(self) -> float:
-        """Eccentricity ε, of the first harmonic of the transmission error, or the largest if there is no first one."""
+        """Eccentricity ε, from the first harmonic of the transmission error, or the largest if there is no first."""
         return float(self._point.epsilon)
 
     @property
@@ -227,35 +234,35 @@ class Machine:
 
     @property
     def added(self) -> dict[str, float]:
-        """Parameters that its model has beside δ, ε and β, by name."""
+        """The parameters of its model besides δ, ε and β, by name."""
         return {name: float(value) for name, value in self._point.added.items()}
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
-        """The harmonics of its forcing beside the first, as `rattle.Gear` takes them."""
+        """The harmonics of its forcing besides the first, in the form that `rattle.Gear` takes."""
         return self._point.forcing.harmonics()
 
     @property
     def revolutions(self) -> float:
-        """Revolutions of the first gear in a forcing period: 1 where its eccentricity is all that shakes the teeth."""
+        """Revolutions of the first gear in a forcing period; 1 if its eccentricity is the only error."""
         return 1.0 / self._point.forcing.base
 
     @property
     def effective_mass(self) -> float:
-        """The mass that an impact feels along the line of action, kg: 1/(r₁²/I₁ + r₂²/I₂)."""
+        """The effective mass of an impact along the line of action, 1/(r₁²/I₁ + r₂²/I₂), kg."""
         units = self.units
         return float(units.energy / units.velocity**2)
 
     @property
     def rate_error(self) -> float:
-        """Largest share of the driving force that the one rate of the model leaves out; 0: the reduction is exact.
+        """A bound of the share of the driving force that the model's single damping rate neglects.
 
-        It is exact with an imposed speed, and where both gears slow down alike (c₁/I₁ = c₂/I₂).
+        It is 0, and the reduction exact, with an imposed speed, and if c₁/I₁ = c₂/I₂.
         """
         return float(self._point.rate_error)
 
     def __getattr__(self, name: str) -> float | None:
-        """Return a parameter that a model adds, None where this machine's model does not have it."""
+        """Return a parameter that a model adds, by its name; None if this machine's model does not have it."""
         from rattle.models import ADDED
 
         if name not in ADDED:
@@ -264,30 +271,27 @@ class Machine:
 
     @property
     def gear(self) -> "AnyGear":
-        """The parameter point: a `Gear`, with a stiffness a `StiffGear`, else an `InelasticGear` where it needs one.
-
-        Raises ParameterError.
-        """
-        from rattle.models import model_of, with_harmonics  # loads all gears: only for who asks
+        """The gear at its parameter point: a `Gear`, `StiffGear` or `InelasticGear`. Raises ParameterError."""
+        from rattle.models import model_of, with_harmonics  # imported here, because it loads all gears
 
         return with_harmonics(model_of(self.beta, **self.added), self.harmonics).gear(self.delta, self.epsilon)
 
     @property
     def units(self) -> Units:
-        """Return the SI sizes of the model's units, by which its numbers are multiplied."""
+        """The SI sizes of the model's units."""
         return self._point.units
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
-        """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
+        """Return the attractors of its gear, from states up to the natural speed, as `Gear.attractors`."""
         return self.gear.attractors(count, NATURAL, seed)
 
     def verdict(self, count: int = 256, seed: int = 0) -> MachineVerdict:
-        """Return whether it rattles: quiet, quiet unless knocked, from what share of starts, or always.
+        """Return whether the machine rattles: never, only after a knock, from a share of random starts, or always.
 
         Parameters
         ----------
         count, seed : int
-            Starts, as in `attractors`.
+            The random starts, as in `attractors`.
 
         Returns
         -------
@@ -297,16 +301,16 @@ class Machine:
         Raises
         ------
         ParameterError
-            An argument is outside its domain.
+            If an argument is outside its domain.
         """
         return machine_verdict(self, count, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
-        """Return how hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
+        """Return the intensity of a motion of its gear in SI units, as `Gear.intensity` does in the model's units."""
         return self.in_si(self.gear.intensity(motion, periods))
 
     def in_si(self, found: Intensity) -> MachineIntensity:
-        """Return an intensity of its gear in SI units."""
+        """Return an intensity of its gear, as `Gear.intensity` returns it, in SI units."""
         units = self.units
         power = found.energy * units.power
         return MachineIntensity(
@@ -322,9 +326,9 @@ class Machine:
 
 
 def _restitution(value: float | None) -> float | None:
-    """Return a coefficient of restitution. Raises ParameterError."""
+    """Return a checked coefficient of restitution, or None if it is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number("restitution", value, positive=True)
-    require(number <= 1.0, f"restitution must be at most 1, elastic impacts, got {number:g}")
+    require(number <= 1.0, f"restitution must be at most 1 (elastic impacts), got {number:g}")
     return number

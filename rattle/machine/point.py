@@ -1,4 +1,4 @@
-"""The point of the model that two gears have, of one pair or of many, from their numbers in SI units."""
+"""Compute the model's parameter point of a pair of gears, or of many pairs, from their SI numbers."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from rattle.machine.given import DRIVEN, require_two
 
 
 class MachinePoint(NamedTuple):
-    """Two gears as the model has them, plain numbers or arrays.
+    """The parameter point of a pair of gears, as plain numbers, or of many pairs, as arrays.
 
-    delta, epsilon, beta: dimensionless. pair: the reduction. forcing: the transmission error. added: what a model adds,
-    by name. units: from the model back to SI.
+    delta, epsilon, beta: the dimensionless parameters. pair: the reduction to one coordinate.
+    forcing: the transmission error. added: the parameters that a model adds, by name. units: the model's units in SI.
     """
 
     delta: Any
@@ -31,7 +31,7 @@ class MachinePoint(NamedTuple):
 
     @property
     def rate_error(self) -> Any:
-        """The largest share of the driving force that a single rate leaves out: 0 where the reduction is exact."""
+        """A bound of the share of the driving force that the single damping rate neglects; 0: it is exact."""
         backlash = 2.0 * self.beta * self.units.length
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
 
@@ -43,29 +43,28 @@ def machine_point(
     errors: Sequence[tuple[int, Any, Any]] = (),
     driven_errors: Sequence[tuple[int, Any, Any]] = (),
 ) -> MachinePoint:
-    """Return the point of the model that two gears are.
+    """Return the parameter point of a pair of gears.
 
     Parameters
     ----------
     numbers : mapping
-        The numbers of a `Machine` by name, which broadcast; None for those that are not given.
+        The numbers of a `Machine` by name, which are broadcast; None: not given.
     speed : float or ndarray
         Mean speed of the first gear, rad/s.
     errors, driven_errors : sequence of (int, float, float)
-        See `components_of`.
+        Components of the transmission error, as in `components_of`.
 
     Returns
     -------
     MachinePoint
-        The point, with restitution and load only where the impacts are not elastic or something beside the first
-        harmonic and the drag acts.
+        The point. It has restitution and load only if impacts are inelastic, or there is a load or a further harmonic.
 
     Raises
     ------
     ParameterError
-        Numbers of the two gears disagree, or are too far apart for double precision.
+        If numbers of the two gears disagree, or are too far apart for double precision.
     """
-    from rattle.models import ADDED  # loads all gears: only for who asks
+    from rattle.models import ADDED  # imported here, because it loads all gears
 
     given = {name: value for name, value in numbers.items() if value is not None}
     teeth, driven_teeth = (None if given.get(name) is None else int(given[name]) for name in ("teeth", "driven_teeth"))
@@ -79,7 +78,7 @@ def machine_point(
     for number in (pair.inertia, pair.drag, pair.scale, pair.speed):
         require(
             bool(np.all(np.isfinite(number) & (np.asarray(number) > 0.0))),
-            "the numbers of the two gears are too far apart to be computed with: check inertias, drags and base radii",
+            "the numbers of the two gears differ too much for double precision: check inertias, drags and base radii",
         )
     added = {
         name: each.of_machine(given[each.machine_number], pair)

@@ -1,4 +1,4 @@
-"""A measured transmission error: read from a table of angle and error, checked, and taken apart into orders."""
+"""Measured transmission errors: read a table of angle and error, check it, and decompose it into orders."""
 
 from __future__ import annotations
 
@@ -12,31 +12,35 @@ from rattle.errors import real_array, require, require_integer
 from rattle.numerics.tables import read_columns
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 
-#: Columns of a table and their units: revolutions, metres.
+#: Columns of a table, and their units in revolutions and in metres.
 ANGLES = {"angle_deg": 1.0 / 360.0, "angle_rad": 1.0 / (2.0 * np.pi), "angle_rev": 1.0}
 ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
-BARE = ("angle", "error")  # columns that do not say their unit
-WHOLE = 0.01  # of a revolution: how far the span of angles may be from whole ones
-WIDEST, NARROWEST = 1e-3, 2e-8  # m: peak to peak of any gear's transmission error
-JUMP, CLOSING = 4.0, 0.1  # of the largest step between neighbours, and of peak to peak: a curve that does not close
+#: Column names without a unit, which are refused.
+BARE = ("angle", "error")
+#: Largest difference between the span of angles and whole revolutions, in revolutions.
+WHOLE = 0.01
+#: Largest and least peak-to-peak height of a transmission error, m.
+WIDEST, NARROWEST = 1e-3, 2e-8
+#: Largest gap between the ends of a curve: over the largest step between neighbours, or over the peak-to-peak height.
+JUMP, CLOSING = 4.0, 0.1
 MOST_POINTS = 1_000_000
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class TransmissionError:
-    """A measured transmission error as a sum of orders of the revolution, Σ a cos 2π(k t + φ), t in revolutions.
+    """A measured transmission error as a sum Σ a cos 2π(k t + φ) over orders k, with t in revolutions.
 
     Parameters
     ----------
     harmonics : tuple of (int, float, float)
-        Order, amplitude in m, and phase in turns: what `Machine(eccentricity=0, errors=…)` takes.
+        Order, amplitude in m, and phase in turns, as `Machine(eccentricity=0, errors=…)` takes them.
     left_out : float
-        m, root mean square of what these orders do not have: higher ones, and noise.
+        Root mean square of the rest, which is higher orders and noise, m.
     peak_to_peak : float
-        m, of the measured curve.
+        Height of the measured curve, m.
     points, revolutions : int
-        Measured points, and the revolutions that they cover.
+        Numbers of measured points, and of revolutions that they cover.
     """
 
     harmonics: tuple[tuple[int, float, float], ...]
@@ -46,7 +50,7 @@ class TransmissionError:
     revolutions: int
 
     def __str__(self) -> str:
-        """Return it in a line."""
+        """Return the points, height and orders of the curve in one line."""
         largest = max(self.harmonics, key=lambda each: each[1])
         return (
             f"{self.points} points of {self.revolutions} revolution{'s' if self.revolutions > 1 else ''}, "
@@ -57,43 +61,49 @@ class TransmissionError:
 
 
 def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> TransmissionError:
-    """Take a measured transmission error apart into orders 1 to `orders`, by least squares.
+    """Decompose a measured transmission error into orders 1 to `orders`, by least squares.
 
     Parameters
     ----------
     angle : array_like, (n,)
-        Rising, in revolutions, over one or more whole ones.
+        Rising angles in revolutions, over one or more whole revolutions.
     error : array_like, (n,)
-        m along the line of action; its mean does not matter.
+        The error along the line of action in m; its mean has no effect.
     orders : int
-        The highest order. Of more than 63 the largest are kept.
+        The highest order. If there are more than 63 orders, the 63 largest are kept.
 
     Returns
     -------
     TransmissionError
-        Its orders, and what they leave out.
+        The orders, and the rest.
 
     Raises
     ------
     ParameterError
-        The curve is no transmission error over whole revolutions, or has too few points; the message says what to do.
+        If the curve is no transmission error over whole revolutions, or has too few points.
     """
     turn, e = real_array("angle", angle), real_array("error", error)
     orders = require_integer("orders", orders, 1, HIGHEST_ORDER)
     require(turn.ndim == 1 and turn.shape == e.shape, f"give an error for each angle, got {e.size} for {turn.size}")
-    require(turn.size <= MOST_POINTS, f"{turn.size} points are too many: give at most {MOST_POINTS}, every tenth or so")
+    require(
+        turn.size <= MOST_POINTS,
+        f"{turn.size:,} points are too many: give at most {MOST_POINTS:,}, such as every tenth",
+    )
     missing = np.flatnonzero(~(np.isfinite(turn) & np.isfinite(e)))
     require(
         not missing.size, f"point {missing[:1] + 1} of {turn.size} is not a finite number: measure it, or leave it out"
     )
-    require(turn.size >= 4, f"{turn.size} points are no curve: give {2 * orders + 1} at least for {orders} orders")
+    require(turn.size >= 4, f"{turn.size} points are too few: give at least {2 * orders + 1} for {orders} orders")
     steps = np.diff(turn)
-    require(not bool((steps < 0).all()), "the angles fall: turn the table around, if the gear was turned backwards")
+    require(
+        not bool((steps < 0).all()),
+        "angles must rise, but these fall: reverse the table if the gear was turned backwards",
+    )
     back = np.flatnonzero(steps <= 0)
     require(
         not back.size,
-        f"angles must rise, and point {back[:1] + 2} does not: sort the table by angle, count on after a revolution "
-        "(361° after 360°), and leave one of two points at the same angle",
+        f"angles must rise, and point {back[:1] + 2} does not: sort it by angle, count on after a revolution with "
+        "361° after 360°, and leave out one of two points at the same angle",
     )
     turn, e, revolutions = _closed(turn, e)
     needed = 2 * orders + 1
@@ -121,12 +131,12 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
     Returns
     -------
     TransmissionError
-        The measured curve taken apart into orders, as by `transmission_error`.
+        The orders of the measured curve, from `transmission_error`.
 
     Raises
     ------
     RattleError
-        The file cannot be read.
+        If the file cannot be read.
     ParameterError
         If columns are missing, a unit is unclear, or `transmission_error` refuses the curve.
     """
@@ -145,20 +155,20 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
 
 
 def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
-    """Return the points of whole revolutions, without a last one that repeats the first, and how many they are."""
+    """Return angles and errors without a last point that repeats the first, and the number of whole revolutions."""
     span, step = float(turn[-1] - turn[0]), float(np.median(np.diff(turn)))
     with_end, without = round(span), round(span + step)
     repeats = abs(span - with_end) <= min(WHOLE, 0.5 * step) and with_end >= 1
     near = repeats or (abs(span + step - without) <= max(WHOLE, step) and without >= 1)
     require(
         near,
-        f"the angles span {span:.3g} revolutions, which are not whole ones: cut the table to whole revolutions, or "
+        f"the angles must span whole revolutions, but span {span:.3g}: cut the table to whole revolutions, or "
         "name the column angle_deg, angle_rad or angle_rev if the angles are in another unit",
     )
     height = float(np.ptp(e))
     require(
         height <= WIDEST,
-        f"the error is {1e3 * height:.3g} mm from peak to peak, which is no gear's: if these are µm, name the column "
+        f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if these are µm, name the column "
         f"error_um",
     )
     require(
@@ -178,12 +188,13 @@ def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
 
 
 def _largest_gap(turn: Array, revolutions: int) -> float:
-    """Return the largest distance between neighbouring angles, all revolutions on top of each other."""
+    """Return the largest distance between neighbouring angles, all taken modulo one revolution."""
     angle = np.unique(turn % 1.0) if revolutions > 1 else np.sort(turn - turn[0])
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))
 
 
 def _orders_of(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
+    """Fit the orders by least squares."""
     order = np.arange(1, orders + 1)
     basis = np.exp(-2j * np.pi * turn[:, None] * order)
     matrix = np.hstack([np.ones((turn.size, 1)), basis.real, -basis.imag])

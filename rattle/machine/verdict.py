@@ -1,4 +1,4 @@
-"""The one answer of a machine: quiet, quiet unless knocked, rattling from some starts, or always rattling."""
+"""The verdict on a machine: quiet, quiet unless knocked, rattling from some starts, or always rattling."""
 
 from __future__ import annotations
 
@@ -16,18 +16,22 @@ if TYPE_CHECKING:
     from rattle.models import AnyGear
 
 QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
-PHASES, SPEEDS, ROUNDS = 32, 64, 2  # of knocks that are tried, up to the least so far in each round after the first
-HARDEST = 3.0  # times the largest speed of a start
+#: Phases and speeds of the knocks that are tried, and further rounds, each up to the weakest effective knock so far.
+PHASES, SPEEDS, ROUNDS = 32, 64, 2
+#: Speed of the hardest knock, over the natural speed.
+HARDEST = 3.0
 MOST_COUNT = 65_536
 
 
 class MachineVerdict(NamedTuple):
-    """The answer to the question whether a machine rattles; `str` is one line of it.
+    """The answer to the question whether a machine rattles; `str` gives it in one line.
 
-    kind: "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles". share: of starts that end in
-    rattling, low and high its 95 % interval, where undecided starts count as either. knock: m/s along the line of
-    action, the least speed with which a knock parts resting teeth so that they rattle from then on, at the worst
-    phase; inf where none up to `hardest` does, 0 where teeth cannot rest. hardest: m/s.
+    kind: "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles".
+    share: the share of random starts that end in rattling.
+    low, high: its 95 % interval, in which undecided starts may count either way.
+    knock: the speed of the weakest knock, at the worst phase, after which teeth at rest rattle for ever, in m/s along
+    the line of action; inf if no knock up to `hardest` has this effect, 0 if teeth cannot rest.
+    hardest: the speed of the hardest knock that was tried, m/s.
     """
 
     kind: str
@@ -51,22 +55,22 @@ class MachineVerdict(NamedTuple):
 
 
 class Rattles(Protocol):
-    """A machine as a verdict needs it."""
+    """The methods of a machine that a verdict needs."""
 
     @property
     def gear(self) -> AnyGear:
-        """Return the machine's parameter point."""
+        """The gear at the machine's parameter point."""
 
     @property
     def units(self) -> Units:
-        """Return the SI sizes of the model's units, by which its numbers are multiplied."""
+        """The SI sizes of the model's units."""
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
-        """Return its attractors."""
+        """Return the attractors of the machine's gear."""
 
 
 def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
-    """Return the verdict of a machine: see `Machine.verdict`."""
+    """Return the verdict on a machine, as `Machine.verdict`."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)
     hardest = HARDEST * sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
@@ -81,15 +85,15 @@ def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
 
 
 def least_knock(machine: Rattles, hardest: float) -> float:
-    """Return the least speed of the model that makes resting teeth rattle.
+    """Return the speed of the weakest knock that makes resting teeth rattle, in the model's unit.
 
-    PHASES × SPEEDS knocks are followed, then as many below the least that was found, so a window of rattling that is
-    narrower may be missed.
+    PHASES × SPEEDS knocks up to `hardest` are followed, then as many up to the weakest effective one. Narrow ranges of
+    speeds may be missed.
 
     Returns
     -------
     float
-        Dimensionless; inf if no knock up to the hardest makes them rattle.
+        The speed; inf if no knock has this effect.
     """
     gear, limit, least = machine.gear, hardest, np.inf
     phases = (np.arange(PHASES) + 0.5) / PHASES
@@ -104,8 +108,10 @@ def least_knock(machine: Rattles, hardest: float) -> float:
 
 
 def _rattles(attractor: Attractor) -> bool:
+    """Return whether an attractor is a rattling motion."""
     return attractor.kind in ("periodic", "chaotic")
 
 
 def _is_open(attractor: Attractor) -> bool:
+    """Return whether an attractor stands for undecided samples."""
     return attractor.kind == "undecided"

@@ -1,6 +1,7 @@
-"""The models of the gear, with one interface: a folder or file here each, and its entry in `MODELS`.
+"""The models of the gear behind one interface. Each model has a folder here and an entry in `MODELS`.
 
-What a model has beside δ, ε and β, and what else tells it from others, is on its class: nobody else compares names.
+The class of a model declares its parameters besides δ, ε and β, and its capabilities. Other code asks the class, and
+never compares names of models.
 """
 
 from __future__ import annotations
@@ -16,21 +17,21 @@ from rattle.models.model import AnyGear, Capability, Functions, Limits, Model
 from rattle.models.stiff import Stiff
 from rattle.parameters import BETA, Harmonic, Parameter, Parameters
 
-#: All models by name; the first is the one that is meant where nothing says which.
+#: All models by name; the first is the default.
 MODELS: dict[str, type[Model]] = {
     Impacting.name: Impacting,
     Stiff.name: Stiff,
     Inelastic.name: Inelastic,
-}  # more of them here
+}
 DEFAULT_MODEL = next(iter(MODELS))
-#: What models add to δ, ε and β, by name: no two of them add the same.
+#: The parameters that models add to δ, ε and β, by name; no two models add the same one.
 ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}
-#: The parameters that all cells of a plane have.
+#: The names of all parameters besides δ and ε; each has one value in all cells of a plane.
 OTHERS = (BETA.name, *ADDED)
 
 
 class CapabilityError(ParameterError):
-    """Something that a model does not have; the message says which models have it."""
+    """A capability is missing in a model; the message says which models have it."""
 
     code = "model_lacks_capability"
 
@@ -46,17 +47,17 @@ def _needed_by(model: type[Model]) -> tuple[str, ...]:
 
 
 def model_adding(names: Any) -> type[Model]:
-    """Return the model that has these parameters beside δ, ε and β, and no other without a default.
+    """Return the model with these parameters besides δ, ε and β; its other parameters must have a default.
 
     Returns
     -------
     type[Model]
-        A class; the first model's if there are no names.
+        The class of the model; the default model if there are no names.
 
     Raises
     ------
     ParameterError
-        No model has all of them.
+        If no model has all of them, or another one must be given too.
     """
     wanted = set(names)
     for model in MODELS.values():
@@ -69,29 +70,29 @@ def model_adding(names: Any) -> type[Model]:
     for model in MODELS.values():
         if wanted <= {each.name for each in model.added}:
             raise ParameterError(
-                f"{given} is a number of the {model.name} model: give {' and '.join(_needed_by(model))} too"
+                f"{given} belongs to the {model.name} model, which needs {' and '.join(_needed_by(model))} too"
             )
-    raise ParameterError(f"no model has {given} together: give those of one")
+    raise ParameterError(f"no model has {given} together: give the parameters of one model")
 
 
 def model_of(beta: float = 0.6, **added: float | None) -> Model:
-    """Return the model that has what is added; None stands for nothing. Raises ParameterError."""
+    """Return the model with these added parameters; None means not given. Raises ParameterError."""
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
     return model_adding(given)(beta, **given)
 
 
 def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
-    """Return a model with these harmonics beside the first one of its forcing, if there are any.
+    """Return a model with these harmonics of its forcing, besides the first harmonic.
 
     Returns
     -------
     Model
-        The same model where there are none.
+        The same model if there are no harmonics.
 
     Raises
     ------
     ParameterError
-        The model takes none, or one is wrong; the message says what to do.
+        If the model takes no harmonics, or one is invalid.
     """
     if not harmonics:
         return model
@@ -107,31 +108,31 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
 
 
 def model_at(gear: AnyGear) -> Model:
-    """Return the model that a gear is one point of."""
+    """Return the model of a gear."""
     return model_with(gear.parameters)
 
 
 def model_with(parameters: Parameters, number: int = 0) -> Model:
-    """Return the model that has the numbers of one of these points."""
+    """Return the model with the parameters of one of these points, by its number."""
     point = parameters.point(number)
     model = MODELS[parameters.model](**{name: point[name] for name in parameters.others})
     return with_harmonics(model, parameters.harmonics)
 
 
 def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
-    """Return the gear at one of these points."""
+    """Return the gear at one of these points, by its number."""
     return model_with(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
 
 
 def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityError:
-    """Return the error that says that a model does not have something, and which have it."""
+    """Return the error for a capability that a model lacks, which names the models that have it."""
     having = [name for name, each in MODELS.items() if capability in each.has]
     words = capability[0].upper() + capability[1:]
     return CapabilityError(f"{words} known of the {' and '.join(having)} model only, not of the {model.name} one.")
 
 
 def require_capability(capability: Capability, model: Model | type[Model]) -> None:
-    """Raise CapabilityError unless a model has something."""
+    """Raise CapabilityError unless a model has a capability."""
     if capability not in model.has:
         raise lacking(capability, model)
 

@@ -1,4 +1,4 @@
-"""Define a model of the gear: its declaration, and the answers that every model gives by its gear's functions."""
+"""The interface of all models of the gear: `Model`, and the protocols of a gear and of its functions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Capability(StrEnum):
-    """Features that not every model has; the words begin a sentence about them."""
+    """Features that not every model has. The text of each begins a sentence of `lacking`."""
 
     CLOSED_FORM = "closed forms of A to D are"
     PERIOD_ONE = "the motions A to D and the regions that they make are"
@@ -62,7 +62,11 @@ class Capability(StrEnum):
 
 
 class Limits(NamedTuple):
-    """Eccentricities at one damping: A and C are born, C flips, quiet motion ends; None where `missing` says why."""
+    """Eccentricities at one damping.
+
+    sn1: A and C are born. flip: C flips. quiet_limit: quiet motion ends.
+    missing: the reasons why a limit is None.
+    """
 
     sn1: float | None
     flip: float | None
@@ -71,7 +75,7 @@ class Limits(NamedTuple):
 
 
 class AnyGear(Protocol):
-    """A gear of any model at one parameter point: `rattle.Gear` says what each of these is."""
+    """A gear of any model at one parameter point. `rattle.Gear` documents all methods."""
 
     @property
     def delta(self) -> float:
@@ -87,11 +91,11 @@ class AnyGear(Protocol):
 
     @property
     def parameters(self) -> Parameters:
-        """Return all parameters of the point."""
+        """All parameters of the point."""
 
     @property
     def states(self) -> StatePlane:
-        """Plane of states with its classifier."""
+        """The plane of states (τ, v), with its classifier."""
 
     @property
     def quiet_limit(self) -> float:
@@ -108,7 +112,7 @@ class AnyGear(Protocol):
         """Return the motions A to D that exist."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
-        """Return the periodic motion near a departure."""
+        """Return the periodic motion with n_plus impacts on Σ⁺ near a departure (τ, v)."""
 
     def saddle(self, orbit: Orbit) -> Periodic:
         """Return an orbit of period one as a saddle with its manifolds' data."""
@@ -117,10 +121,10 @@ class AnyGear(Protocol):
         """Return the next impact on Σ⁺ after a departure."""
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure from Σ⁺ of a motion."""
+        """Return the first departure (τ, v) from Σ⁺ of a motion that starts at any phase, position and velocity."""
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Return the states after n returns."""
+        """Return the states after n returns to Σ⁺."""
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Return a motion sampled in time."""
@@ -142,7 +146,7 @@ class AnyGear(Protocol):
         """Return the basins of attraction."""
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """Return the attractors that states go to."""
+        """Return the attractors that states reach."""
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """Return the uncertainty exponent of the basins."""
@@ -171,7 +175,7 @@ class AnyGear(Protocol):
 class Functions(Protocol):
     """Functions of a gear's package, for arrays of parameters.
 
-    Each function takes δ and ε, or a curve's name or a segment, and by name β and what the gear has besides.
+    Each function takes δ and ε, the name of a curve, or a segment; and by keyword β and the gear's other parameters.
     `rattle.impacting` and `rattle.stiff` are such packages.
     """
 
@@ -179,10 +183,10 @@ class Functions(Protocol):
         """Return the motions A to D."""
 
     def iterate_tangent(self, *given: Any, **more: Any) -> Stretched:
-        """Return states after n returns, with both exponents."""
+        """Return the states after n returns to Σ⁺, with both Lyapunov exponents."""
 
     def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
-        """Return whether quiet motion takes too many impacts to be told from chaos."""
+        """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
 
     def stretch(self, *given: Any, **more: Any) -> Array:
         """Return the sums over the impacts of chaotic motions."""
@@ -199,34 +203,34 @@ class Functions(Protocol):
 
 @dataclass(frozen=True)
 class Model(ABC):
-    """A model over its plane of (δ, ε): its other numbers are the fields, the class is its declaration.
+    """A model over its plane of (δ, ε). The fields of an instance are its other parameters.
 
     Attributes
     ----------
     name, title : str
-        Its name in requests, stores and files; its name in a list to choose from.
+        Its name in requests, stores and files, and its name in a list of models.
     added : tuple of Parameter
-        What it has beside δ, ε and β, in the order of the fields.
+        Its parameters besides δ, ε and β, in the order of the fields.
     has : frozenset of Capability
-        What of the things that not every model has.
+        Its capabilities.
     functions : module
         The package of its gear.
     classifier : type of Classifier
-        Which tells attractors apart.
+        The class that decides which attractor a sample reaches.
     curve_names : tuple of str
-        Its bifurcation curves.
+        The names of its bifurcation curves.
     tile_samples : int
-        Initial conditions of a default tile: some seconds.
+        Initial conditions of a tile of default size, which take some seconds.
     cell_milliseconds : float, optional
-        How long a cell takes whatever its samples; None where these decide.
+        Time for a cell, if it hardly depends on the number of samples; None if it does.
     design_gears : int
-        Gears that are drawn where tolerances of a point are answered at once.
+        Gears that are drawn to answer a question about tolerances at a point at once.
     takes_harmonics : bool
-        Whether its forcing may have harmonics beside the first.
+        Whether its forcing may have harmonics besides the first.
     one_cosine : frozenset of Capability
-        What of `has` it has without such harmonics only.
+        The capabilities that it has only without such harmonics.
     compiled_at : tuple of float
-        Eccentricities, at δ = β = 0.6, of the cells that are computed so that its kernels are compiled.
+        Eccentricities of the cells, at δ = β = 0.6, whose computation compiles all of its kernels.
     """
 
     beta: float = 0.6
@@ -252,12 +256,12 @@ class Model(ABC):
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
-        """Return the declarations of β and of what the model adds."""
+        """Return the declarations of β and of the parameters that the model adds."""
         return (BETA, *cls.added)
 
     @property
     def numbers(self) -> dict[str, float]:
-        """β, and what the model has besides, by name."""
+        """The values of β and of the parameters that the model adds, by name."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -266,17 +270,17 @@ class Model(ABC):
 
     @property
     def dwell(self) -> float:
-        """Return how long a short contact lasts, in forcing periods."""
+        """The duration of a short contact in forcing periods, 0 for rigid walls."""
         return 0.0
 
     @property
     def in_closed_form(self) -> bool:
-        """True if A to D, and the regions and limits that follow from them, cost nothing."""
+        """True if A to D have closed forms, so that they, regions and limits are computed at once."""
         return Capability.CLOSED_FORM in self.has
 
     @abstractmethod
     def gear(self, delta: float, epsilon: float) -> AnyGear:
-        """Return the model at one point. Raises ParameterError."""
+        """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
         """Return SN1, flip and quiet limit at one damping."""
@@ -292,11 +296,11 @@ class Model(ABC):
         return Limits(born, None, gear.quiet_limit, (flip,))
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
-        """Return the points where curves meet."""
+        """Return the codimension-two points, where curves meet."""
         return ()
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
-        """Return the parameters of points, which broadcast. Raises ParameterError."""
+        """Return the parameters of points; δ and ε are broadcast. Raises ParameterError."""
         return Parameters.of(self.name, delta, epsilon, **self.numbers)
 
     def grid(self, delta: Array, epsilon: Array) -> Parameters:
@@ -304,39 +308,39 @@ class Model(ABC):
         return self.at(delta, epsilon[:, None]).flat()
 
     def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
-        """Return the motions A to D, or their counterparts."""
+        """Return the motions A to D, or the motions that correspond to them in this model."""
         return self.functions.period_one(delta, epsilon, **self.numbers)
 
     def attractors_of(self, delta: ArrayLike, epsilon: ArrayLike, sample: SampleSpec = SAMPLE) -> Attractors:
-        """Return the attractors of all cells: see `rattle.attractors_of`."""
+        """Return the attractors of all cells, as `rattle.attractors_of` does."""
         return of_samples(self.classifier, self.at(delta, epsilon), sample)
 
     def cells(self, delta: Array, epsilon: Array) -> Any:
-        """Return the cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
+        """Return the cells epsilon (m,) × delta (n,), row by row, in the form that the kernels take."""
         return self.classifier.cells_of(self.grid(delta, epsilon))
 
     def cells_of_orbits(self, delta: Array, epsilon: Array) -> Any:
-        """Return the same where only periodic orbits are followed, which may cost less."""
+        """Return the cells as `cells` does, for kernels that follow periodic orbits only, which may be faster."""
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
-        """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,).
+        """Return the error |(Σv₊ − Σv₋)/(2πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
 
-        Of contacts the impulses are those of the springs.
+        Σv₊ and Σv₋ are the sums of the impulses on Σ⁺ and Σ⁻ over a time T; those of contacts come from the springs.
 
         Returns
         -------
         Array
-            (n,), relative errors, NaN of quiet and undecided attractors.
+            Relative errors, one for each row of the table; NaN for quiet and undecided attractors.
         """
         return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
 
     def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
-        """Return how hard the attractors of cells rattle, which `attractors_of` found there: arrays (n,)."""
+        """Return the intensities of the attractors in a table from `attractors_of`, at the same cells: arrays (n,)."""
         return intensities_of(table, self.classifier.cells_of(self.at(delta, epsilon).flat()), self.functions.stretch)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether quiet motion takes too many impacts to be told from chaos."""
+        """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
         at = self.at(delta, epsilon)
         flat = at.flat()
         return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)
@@ -346,16 +350,16 @@ class Model(ABC):
         return self.functions.diagram(start, end, **self.numbers, steps=steps, count=count)
 
     def describe(self, name: str) -> str:
-        """Return what happens on a curve. Raises ParameterError."""
+        """Return a description of what happens on a curve. Raises ParameterError."""
         return self.functions.describe(name)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """Return a bifurcation curve in a window. Raises RattleError where it cannot be followed."""
+        """Return a bifurcation curve in a window of δ and ε. Raises RattleError if it cannot be followed."""
         return self.functions.trace(name, **self.numbers, delta=delta, epsilon=epsilon)
 
     @classmethod
     def classified(cls, parameters: Parameters, tau: Array, v: Array, budget: int = BUDGET) -> Classifier:
-        """Follow states (n, k) of cells with parameters (n,), each to its end."""
+        """Follow states (n, k) in cells with parameters (n,) until each reaches an attractor or its budget ends."""
         return cls.classifier.classify(parameters, tau, v, budget)
 
     @classmethod
@@ -366,5 +370,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of a row of cells: see `rattle.families.join.joined_rows`."""
+        """Join the attractors of a row of cells to families, as `rattle.families.join.joined_rows` does."""
         return joined_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -1,6 +1,6 @@
-"""Check the paper: every number and statement of Mason and Piiroinen (2009) beside its computed value.
+"""Check the paper: compare each number and statement of Mason and Piiroinen (2009) with computed values.
 
-With findings where it is wrong or incomplete.
+A finding states where the paper is wrong or incomplete, with computed evidence.
 """
 
 from rattle.paper.document import RULE, difference, markdown, value, verdict

@@ -1,4 +1,4 @@
-"""How the large chaotic attractor appears at δ = 0.6: P(2,2,1) doubles, and the P(4,4,2) that is born grazes Σ⁻."""
+"""The birth of the large chaotic attractor at δ = 0.6: P(2,2,1) doubles its period, and the doubled orbit grazes Σ⁻."""
 
 from functools import cache
 from typing import NamedTuple
@@ -11,13 +11,17 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.periodic import periodic_orbit
 
 DELTA = 0.6
-FROM, TO = 0.0945, 0.0985  # ε of Figure 4(h), and where chaos is found
+#: ε of Figure 4(h), at which P(2,2,1) attracts, and an ε at which the attractor is chaotic.
+FROM, TO = 0.0945, 0.0985
 
 
 class Birth(NamedTuple):
-    """ε at which P(2,2,1) doubles, and at which the doubled orbit, with as many impacts on each wall, grazes Σ⁻.
+    """The birth of the chaotic attractor as ε grows.
 
-    persists: whether P(2,2,1) itself exists at all ε that were followed.
+    flip: the ε at which P(2,2,1) doubles its period.
+    graze: the ε at which the doubled orbit grazes Σ⁻.
+    n_plus, n_minus: impacts of the doubled orbit on Σ⁺ and on Σ⁻, without the graze.
+    persists: whether P(2,2,1) itself exists at all ε from FROM to TO.
     """
 
     flip: float
@@ -29,18 +33,18 @@ class Birth(NamedTuple):
 
 @cache
 def birth_of_chaos() -> Birth:
-    """Return the fate of the P(2,2,1) that attracts at ε = 0.0945 as ε grows."""
+    """Follow the P(2,2,1) that attracts at ε = 0.0945 as ε grows, to its flip and the graze. Raises RattleError."""
     for seen in Gear(DELTA, FROM).attractors(count=256):
         if (seen.m, seen.n_plus, seen.n_minus) == (2, 2, 1):
             break
     else:
-        raise RattleError(f"P(2,2,1) does not attract at delta = {DELTA}, epsilon = {FROM}")
+        raise RattleError(f"P(2,2,1) does not attract at delta = {DELTA}, epsilon = {FROM}: report this as a bug")
     orbit = periodic_orbit(DELTA, FROM, seen.tau, seen.v, seen.n_plus)
     events = cascade(orbit, "epsilon", (FROM, TO))
     kinds = [event.kind for event in events]
     if kinds != [Kind.FLIP, Kind.GRAZING] or events[1].wall != -1:
-        raise RattleError(f"P(2,2,1) was expected to double and then to graze, not {kinds}")
+        raise RattleError(f"P(2,2,1) must have a flip and then a graze on Σ⁻, but has {kinds}: report this as a bug")
     flip, graze = events
     persists = bool(branch(orbit, "epsilon", (FROM, TO)).admissible.all())
-    walls = graze.itinerary.walls  # with the graze counted as an impact
+    walls = graze.itinerary.walls  # the graze counts as an impact here
     return Birth(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1, persists)

@@ -1,8 +1,8 @@
-"""Find the end of the chaotic attractor: a boundary crisis.
+"""Find the end of the chaotic attractor, a boundary crisis, as an interval of ε.
 
-Above it the chaotic set still exists but leaks, ever more slowly towards the crisis, so sampling gives an interval. At
-its upper end trajectories were seen to leave; at its lower end none did, and the end of the attractor lies below the
-interval only if that watch was too short.
+Above the crisis the chaotic set still exists, but trajectories leave it: the more slowly, the closer ε is to the
+crisis. At the upper end of the interval trajectories were seen to leave. At the lower end none left during the
+observation time, so the crisis is in the interval, or below it if the observation time was too short.
 """
 
 import numpy as np
@@ -14,40 +14,45 @@ from rattle.errors import RattleError
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import attractors_of
 
-SAMPLES = 1024  # initial conditions among which the chaotic attractor is looked for
-WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000  # trajectories on the chaotic set; impacts before the watch, and in it
-CLOSED, RETURNS = 1e-6, 2  # what comes back this close after so many impacts has settled: quiet, or P(1,1,0), P(1,2,0)
+#: Number of initial conditions among which the chaotic attractor is searched.
+SAMPLES = 1024
+#: Number of observed trajectories, their impacts before the observation, and during it.
+WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000
+#: A trajectory has settled if it returns this close to a state after at most RETURNS impacts.
+CLOSED, RETURNS = 1e-6, 2
 
 States = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def on_chaos(delta: float, epsilon: float, count: int) -> States:
-    """(τ, v) of so many states on the chaotic attractor: one trajectory of it, impact by impact."""
+def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
+    """Return `count` states (τ, v) on the chaotic attractor, impact by impact. Raises RattleError."""
     found = attractors_of(delta, epsilon, count=SAMPLES)
     chaotic = np.flatnonzero(found.kind == Outcome.CHAOTIC)
     if not chaotic.size:
-        raise RattleError(f"no chaotic attractor was found at delta = {delta}, epsilon = {epsilon}")
+        raise RattleError(
+            f"no chaotic attractor was found at delta = {delta}, epsilon = {epsilon}: report this as a bug"
+        )
     i = chaotic[0]
     states = rattle.iterate(delta, epsilon, found.tau[i], found.v[i], np.arange(100, 100 + count))
     return states.tau, states.v
 
 
 def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return flags of states on a motion that repeats after RETURNS impacts at most, or bounces at hardly any speed."""
+    """Return flags of states on a motion that repeats after at most RETURNS impacts, or bounces slower than 0.1."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
 
 
 def leaks(delta: float, epsilon: float, start: States) -> bool:
-    """Return whether the chaotic set that these states have reached after BEFORE impacts leaks in IMPACTS more.
+    """Return whether trajectories leave the chaotic set during the observation.
 
-    True as well where all have gone before the watch.
+    The states `start` are first iterated for BEFORE impacts, then observed for IMPACTS impacts.
 
     Returns
     -------
     bool
-        True if any of them goes.
+        True if a trajectory settles during the observation, or if all have settled before it.
     """
     near = rattle.iterate(delta, epsilon, *start, BEFORE)
     left = ~has_settled(delta, epsilon, near.tau, near.v)
@@ -56,16 +61,16 @@ def leaks(delta: float, epsilon: float, start: States) -> bool:
 
 
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
-    """Return an interval of ε that holds the end of the chaotic attractor that exists at low and not at high.
+    """Return an interval of ε at most `width` wide with the end of the chaotic attractor, by bisection.
 
-    It is at most `width` wide, by bisection on `leaks`.
+    The attractor exists at ε = low and not at ε = high.
 
     Returns
     -------
     tuple[float, float]
-        Both ends.
+        Both ends of the interval.
     """
-    start = on_chaos(delta, low, WATCHED)
+    start = states_on_chaos(delta, low, WATCHED)
     while high - low > width:
         middle = (low + high) / 2
         low, high = (low, middle) if leaks(delta, middle, start) else (middle, high)

@@ -1,4 +1,4 @@
-"""The report as Markdown: docs/paper.md."""
+"""Write the report of the check as Markdown: docs/paper.md."""
 
 from rattle.paper.derivations import DERIVATIONS, NOT_CHECKED, NOT_HELD
 from rattle.paper.numbers import PROVED
@@ -20,29 +20,29 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """Return the computed value to ten decimals, and whether it is proved, or both ends of the interval to seven."""
+    """Return a computed value with ten decimals and the word "proved" if it is, or an interval's ends with seven."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
 def difference(number: Number) -> str:
-    """Return computed less stated, to two decimals more than the paper gives."""
+    """Return the computed minus the stated value, with two decimals more than the paper gives."""
     return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
 
 
 def verdict(report: Report, number: Number) -> str:
-    """Return the verdict, with the number of the finding that explains it."""
+    """Return the verdict on a number, with the number of the finding that explains a deviation."""
     return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
 
 
 def cell(text: str) -> str:
-    """Text for a cell of a table, in which | would end it."""
+    """Return a text for a table cell, with each | escaped, because | would end the cell."""
     return text.replace("|", "\\|")
 
 
 def markdown(report: Report) -> str:
-    """Return the whole document."""
+    """Return the whole report as a Markdown document."""
     numbers = [
         f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
         for x in report.numbers

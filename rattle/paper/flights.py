@@ -1,4 +1,4 @@
-"""Φ'' along flights, and flights of a kind that the paper excludes."""
+"""The acceleration Φ'' along flights: the paper claims that it is positive, and excludes flights where it is not."""
 
 from typing import NamedTuple
 
@@ -10,11 +10,12 @@ from rattle.impacting.gear import Gear
 from rattle.orbits.period_one import NAMES, PeriodOne
 
 Array = NDArray[np.float64]
+#: Number of times of a flight at which Φ'' is computed.
 INSTANTS = 201
 
 
-def smallest(delta: float, epsilon: float, phase: float, velocity: float, time: float) -> float:
-    """Return the smallest Φ'' at INSTANTS of a flight that leaves either wall like this and lasts so long."""
+def smallest_acceleration(delta: float, epsilon: float, phase: float, velocity: float, time: float) -> float:
+    """Return the smallest Φ'' during a flight of duration `time` that leaves a wall at this phase and velocity."""
     s = np.linspace(0.0, time, INSTANTS)
     decaying = delta * (DRIFT - TWO_PI * epsilon * np.sin(TWO_PI * phase) - velocity)
     values = decaying * np.exp(-delta * s) - TWO_PI**2 * epsilon * np.cos(TWO_PI * (phase + s))
@@ -22,7 +23,11 @@ def smallest(delta: float, epsilon: float, phase: float, velocity: float, time: 
 
 
 class ReferenceImpacts(NamedTuple):
-    """One step of Π: the wall and time of every impact after leaving Σ⁺, and the smallest Φ'' on the way."""
+    """One step of the impact map Π from Σ⁺.
+
+    walls, times: the wall of each impact, and its time since the departure.
+    smallest: the smallest Φ'' during the step.
+    """
 
     walls: tuple[int, ...]
     times: tuple[float, ...]
@@ -30,14 +35,14 @@ class ReferenceImpacts(NamedTuple):
 
 
 def reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
-    """Π of (τ, v), impact by impact."""
+    """Compute one step of Π from (τ, v), impact by impact."""
     gear, wall, phase, velocity = Gear(delta, epsilon), 1, tau, -v
     walls: list[int] = []
     times: list[float] = []
     low = np.inf
     while not walls or wall < 0:
         flown = gear.first_impact(wall, phase, velocity)
-        low = min(low, smallest(delta, epsilon, phase, velocity, flown.flight_time))
+        low = min(low, smallest_acceleration(delta, epsilon, phase, velocity, flown.flight_time))
         wall, phase, velocity = flown.next_wall, phase + flown.flight_time, -flown.impact_velocity
         walls.append(wall)
         times.append(phase - tau)
@@ -45,9 +50,12 @@ def reference_step(delta: float, epsilon: float, tau: float, v: float) -> Refere
 
 
 class WorstFlight(NamedTuple):
-    """The flight of one orbit that comes nearest to a contact force of the wrong sign, over all cells with that orbit.
+    """The smallest Φ'' of one orbit, over all cells in which the orbit exists.
 
-    It has the smallest Φ'' and where, the share of the cells in which it is negative, and the smallest ε of those.
+    name: the name of the orbit, A to D.
+    smallest, delta, epsilon: the smallest Φ'', and the cell where it occurs.
+    negative: the share of the cells in which Φ'' is negative somewhere on the orbit.
+    first: the smallest ε of these cells, NaN if there are none.
     """
 
     name: str
@@ -59,7 +67,7 @@ class WorstFlight(NamedTuple):
 
 
 def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
-    """Return the worst flights of A, B, C and D over cells (n,)."""
+    """Return the flights with the smallest Φ'' of A, B, C and D, over cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])

@@ -1,4 +1,4 @@
-"""Findings on section 3: convexity of flights, the impact map, the contact force, and low-speed bouncing."""
+"""Findings on the paper's section 3: convexity of flights, the impact map, the contact force, low-speed bouncing."""
 
 import math
 
@@ -9,12 +9,14 @@ from rattle.paper import flights, formulas
 from rattle.paper.plane import WINDOW, plane_cells
 from rattle.paper.records import Finding, FindingEvidence, Statement
 
-EXAMPLE = (0.4, 0.25, 0.32, 5.82)  # δ, ε, τ, v: leaves Σ⁻ and meets it again
-JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)  # δ, ε, τ, and speeds on both sides of a flight that touches Σ⁺ from below
+#: δ, ε, τ and v of a step of Π that meets Σ⁻ twice in a row.
+EXAMPLE = (0.4, 0.25, 0.32, 5.82)
+#: δ, ε and τ at which Π jumps, and two speeds v with the jump between them: there a flight touches Σ⁺ from below.
+JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)
 
 
 def convexity() -> Finding:
-    """Φ'' > 0."""
+    """Return the finding on the paper's claim that Φ'' > 0 on all flights, and where the claim fails."""
     delta, epsilon = plane_cells(60, 60)
     worst = flights.along_orbits(delta, epsilon, rattle.period_one(delta, epsilon))
     first = min(w.first for w in worst)
@@ -54,15 +56,17 @@ def convexity() -> Finding:
 
 
 def _smallest(delta: float, epsilon: float) -> float:
+    """Return the smallest Φ'' during one step of Π from 500 random states."""
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)
     return min(flights.reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
 
 
 def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
-    """Return the speed v between low and high at which Π jumps, and the speeds after it on both sides; by bisection."""
+    """Return the speed v between low and high at which Π jumps, and the speeds after Π on both sides, by bisection."""
 
     def after(v: float) -> float:
+        """Return the speed after one step of Π."""
         return float(rattle.iterate(delta, epsilon, tau, v, 1).v)
 
     below, above = after(low), after(high)
@@ -77,7 +81,7 @@ def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> 
 
 
 def impact_map() -> Finding:
-    """Return a fourth kind of flight, and a jump."""
+    """Return the finding on the impact map: a fourth case of flights, and a jump of Π."""
     v, below, above = _jump(*JUMP)
     step = flights.reference_step(*EXAMPLE)
     delta, epsilon = plane_cells(300, 150)
@@ -119,7 +123,7 @@ def impact_map() -> Finding:
 
 
 def contact_force_statement() -> Finding:
-    """Return g > 0 and (3.13)."""
+    """Return the finding on the paper's claims that g > 0 and that (3.13) holds, and where they fail."""
     delta = np.linspace(*WINDOW[0], 2001)
     top = WINDOW[1][1]
     beyond = float(np.clip(1 - rattle.quiet_limit(delta) / top, 0, 1).mean())
@@ -127,7 +131,7 @@ def contact_force_statement() -> Finding:
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
     at = float(formulas.acceleration_by_formula(phase, 0.0, 0.4, 0.2).min())
-    born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # the one that there is
+    born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # region I ends at SN1 or G2, NaN is ignored
     return Finding(
         "contact force",
         "Neither positive g nor (3.13) holds throughout Figure 7's plane",
@@ -152,7 +156,7 @@ def contact_force_statement() -> Finding:
 
 
 def factor_three() -> Finding:
-    """Return the change of speed in a small bounce, and how fast bouncing dies."""
+    """Return the finding on the change of speed in a small bounce, which the paper prints three times too large."""
     orders = formulas.orders()
     rate, periods = formulas.decay(0.02, 1_500_000)
     third, printed = (formulas.decay_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))
@@ -187,7 +191,7 @@ def factor_three() -> Finding:
 
 
 def extremes_of_f() -> Finding:
-    """(3.11) and (3.12)."""
+    """Return the finding on (3.11) and (3.12), the extremes of f, which are printed with a factor too much."""
     v, delta, epsilon = 0.05, 0.6, 0.1
     values = formulas.f(np.arange(4000) / 4000, v, delta, epsilon)
     sign = np.array([-1, 1])
@@ -209,7 +213,7 @@ def extremes_of_f() -> Finding:
 
 
 def formulas_that_hold() -> tuple[Statement, ...]:
-    """Return the statements that the paper derives correctly in section 3.1.1 and in (4.1)."""
+    """Return the formulas of section 3.1.1 and (4.1) that the paper states correctly."""
     orders = formulas.orders()
     delta = np.linspace(0.4, 0.77, 38)
     sn1 = np.abs(2 - delta / np.tanh(delta / 2))

@@ -1,7 +1,7 @@
-"""The formulas of the paper's section 3.1.1 against the exact flight.
+"""Compare the formulas of the paper's section 3.1.1 with exact flights.
 
-A flight leaves Σ⁺ at phase t* with velocity −v. Orders are measured as log2 of the ratio of the largest residual over
-PHASES at two steps, one half of the other.
+A flight leaves Σ⁺ at phase t* with velocity −v. The order of a formula's error is measured as log₂ of the ratio of two
+residuals, at a step and at half of this step. Each residual is the largest one over PHASES.
 """
 
 import math
@@ -17,16 +17,19 @@ from rattle.impacting.gear import Gear
 
 TWO_PI = 2 * np.pi
 PHASES = np.arange(16) / 16
-DELTA, EPSILON = 0.6, 0.1  # below the quiet limit, so that every small bounce comes back
+#: A point below the quiet limit, so that every small bounce returns to Σ⁺.
+DELTA, EPSILON = 0.6, 0.1
+#: Speed of departure at which (3.6) and (3.7) are tested, and the two times h.
 SPEED = 0.05
 STEPS = (2.0**-9, 2.0**-10)
+#: The two speeds of departure at which (3.8) and the change of speed in a bounce are tested.
 SPEEDS = (2.0**-8, 2.0**-9)
 
 Array = NDArray[np.float64]
 
 
 def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Φ'' on departure: the bracket of (3.7), and the denominator of (3.8) with its sign put right."""
+    """Return Φ'' on departure: the bracket of (3.7), and the denominator of (3.8) with the sign corrected."""
     return (
         delta * v
         - TWO_PI * delta * epsilon * np.sin(TWO_PI * phase)
@@ -36,7 +39,7 @@ def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float
 
 
 def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """(3.9) as printed: 2 Φ''' on departure."""
+    """Return f by (3.9) as printed, which is 2Φ''' on departure."""
     sine = np.sin(TWO_PI * phase)
     return 4 * (
         -(delta**2) * v / 2 + delta**2 * np.pi * epsilon * sine - 2 * delta**2 * np.pi + 4 * np.pi**3 * epsilon * sine
@@ -44,15 +47,16 @@ def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 
 def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """(3.10) as printed: the square of Φ'' on departure."""
+    """Return g by (3.10) as printed, which is the square of Φ'' on departure."""
     return acceleration_by_formula(phase, v, delta, epsilon) ** 2
 
 
 class Orders(NamedTuple):
-    """Measured orders of what formulas leave out.
+    """Measured orders of the errors of the paper's formulas.
 
-    They are those of Φ by (3.6) and Φ' by (3.7) as h → 0, of the time by (3.8), and of the speed by v + (f/g) v² and by
-    v + (f/3g) v², as v → 0.
+    displacement, velocity: Φ by (3.6) and Φ' by (3.7), as h → 0.
+    time: the time to the next impact by (3.8), as v → 0.
+    printed, third: the speed after a bounce by v + (f/g) v², as printed, and by v + (f/3g) v², as v → 0.
     """
 
     displacement: float
@@ -63,13 +67,14 @@ class Orders(NamedTuple):
 
 
 def orders() -> Orders:
-    """Return at δ = 0.6, ε = 0.1: two steps h of one departure speed, two speeds of whole bounces."""
+    """Measure the orders at (DELTA, EPSILON), from two times h of a flight and from two speeds of whole bounces."""
     expansions = np.array([_expansion_residuals(h) for h in STEPS])
     bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
 
 
 def _expansion_residuals(h: float) -> tuple[float, float]:
+    """Return the largest errors of Φ by (3.6) and of Φ' by (3.7), a time h after the departure."""
     rate = acceleration_by_formula(PHASES, SPEED, DELTA, EPSILON)
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
@@ -82,6 +87,7 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
 
 
 def _bounce_residuals(v: float) -> tuple[float, float, float]:
+    """Return the largest errors of the time by (3.8), and of the speed after a bounce with f/g and with f/3g."""
     gear = Gear(DELTA, EPSILON)
     bounces = [gear.first_impact(1, phase, -v) for phase in PHASES]
     time = np.array([b.flight_time for b in bounces])
@@ -92,18 +98,20 @@ def _bounce_residuals(v: float) -> tuple[float, float, float]:
 
 
 def _largest(values: Array) -> float:
+    """Return the largest absolute value."""
     return float(np.abs(values).max())
 
 
 def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
-    """Return the rate per forcing period at which ln v falls over many exact bounces from phase 0.
+    """Return the rate per forcing period at which ln v falls over many exact bounces, the first at phase 0.
 
-    Taken between equal contact forces: of ln (v³/g)/3, since the ratio v³/g compares speeds at different phases.
+    The first and the last bounce are at different phases, where bounces of the same motion differ in speed. So the rate
+    is that of ln(v³/g)/3, which is free of this difference.
 
     Returns
     -------
     tuple[float, float]
-        The rate, and the number of periods.
+        The rate, and the number of forcing periods.
     """
     end = rattle.iterate_tangent(delta, epsilon, 0.0, v, impacts)
     invariant = [
@@ -115,14 +123,14 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
 
 
 def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
-    """Return the same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v².
+    """Return the rate at which ln v falls if each bounce takes 2v/Φ'' and changes v by factor · (f/g) v².
 
-    The rate is over whole periods, from phase 0.
+    Bounces start at phase 0 and continue for the given number of forcing periods.
 
     Returns
     -------
     float
-        The rate.
+        The rate per forcing period.
     """
     t, speed = 0.0, v
     while t < periods:

@@ -1,4 +1,4 @@
-"""Findings on orbits, their stability and attractors: where the paper is wrong or incomplete."""
+"""Findings on orbits, their stability and attractors, where the paper is wrong or incomplete."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +16,24 @@ from rattle.impacting.orbits.periodic import periodic_orbit
 from rattle.orbits.period_one import PeriodOne
 from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import has_settled
-from rattle.paper.numbers import at
-from rattle.paper.pictures import DELTA, Panels, basin_share, fractions, name
+from rattle.paper.numbers import epsilon_at
+from rattle.paper.pictures import DELTA, Panels, basin_share, fractions, label_of
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
 
-FAR_BELOW, JUST_BELOW = 0.0912, 0.096  # ε at which the attractors are shown, δ = 0.6
-SEEN = 0.005  # a basin with less of the sample than this is not counted
+#: Two ε below the graze of the finding on the birth of chaos, at which attractors are listed; δ = 0.6.
+FAR_BELOW, JUST_BELOW = 0.0912, 0.096
+#: Least basin fraction of an attractor that is counted.
+SEEN = 0.005
 
 
 def exponent(attractors: tuple[Attractor, ...]) -> float:
-    """Return the first exponent of the chaotic attractor, NaN if there is none."""
+    """Return the largest Lyapunov exponent of the chaotic attractor, NaN if there is none."""
     return next((a.lyapunov[0] for a in attractors if a.kind == "chaotic"), np.nan)
 
 
 def chaos_appears() -> Finding:
-    """Return the chaotic attractor of Figure 4(i)."""
+    """Return the finding on the birth of the chaotic attractor of Figure 4(i)."""
     birth = birth_of_chaos()
     early, before, above, after = (
         Gear(DELTA, e).attractors(count=4096) for e in (FAR_BELOW, JUST_BELOW, 0.0974, 0.098)
@@ -73,11 +75,11 @@ def chaos_appears() -> Finding:
 
 
 def two_points_not_one() -> Finding:
-    """COD23: where SN2 and PD1 end."""
+    """Return the finding on COD23, the codimension-two point at which SN2 and PD1 end."""
     points = {point.name: point for point in codimension_two()}
     equal, ends = points["COD21"], points["COD23"]
     delta = 0.7596
-    graze, born = at("G1", delta), at("SN2", delta)
+    graze, born = epsilon_at("G1", delta), epsilon_at("SN2", delta)
     between = orbits_at(delta, (graze + born) / 2, 0.6)
     names = "".join(orbit.name for orbit in between)
     beyond, below = 0.7604, 0.7592
@@ -114,7 +116,7 @@ def two_points_not_one() -> Finding:
 
 
 def _beside_c(delta: float, below: float) -> Array:
-    """First exponents of what starts near the grazing orbit, so far below G1, and settles on no orbit."""
+    """Return the largest exponents of trajectories near the grazing orbit that do not settle, at ε = G1 − below."""
     graze = rattle.grazing("G1", delta)
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))
@@ -125,10 +127,10 @@ def _beside_c(delta: float, below: float) -> Array:
 
 
 def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
-    """PDC, the flip of C."""
+    """Return the finding on PDC, the flip of C, which the paper does not have."""
     inside = np.isin(region, (2, 3, 4))
     part = float((~orbits.stable[C] & inside).sum() / inside.sum())
-    flip, graze = at("PDC", 0.5), at("G1", 0.5)
+    flip, graze = epsilon_at("PDC", 0.5), epsilon_at("G1", 0.5)
     epsilon = np.linspace(flip, graze, 102)[1:-1]
     c = rattle.period_one(0.5, epsilon)
     unstable = bool((c.exists[C] & ~c.stable[C]).all())
@@ -160,10 +162,10 @@ def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
 
 
 def stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
-    """PD2, where D regains stability."""
+    """Return the finding on PD2, the flip at which D regains its stability."""
     stable = orbits.stable[D]
     five, patch = region == 5, (region == 3) & (epsilon > 0.2)
-    again = at("PD2", 0.4)
+    again = epsilon_at("PD2", 0.4)
     seen = Gear(0.5, 0.29).attractors(count=1024)
     part = float((stable & five).sum() / five.sum())
     return Finding(
@@ -188,7 +190,7 @@ def stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDAr
 
 
 def multipliers_on_g1() -> Finding:
-    """COD20 and what is below it."""
+    """Return the finding on the multipliers along G1, below and above COD20."""
     corner = codimension_two()[0]
     delta = np.linspace(0.4, 0.6, 20001)
     multipliers = rattle.grazing("G1", delta).multipliers
@@ -216,7 +218,7 @@ def multipliers_on_g1() -> Finding:
 
 
 def region_one() -> Finding:
-    """P(1,2,0)."""
+    """Return the finding on P(1,2,0), a period-one orbit that attracts in region I."""
     random = np.random.default_rng(0)
     delta, epsilon = random.uniform(0.4, 1.0, 6000), random.uniform(0.0, 0.3, 6000)
     inside = rattle.regions(delta, epsilon) == 1
@@ -227,7 +229,7 @@ def region_one() -> Finding:
     which = np.unique(found.cell[two])
     here, there = Gear(1.0, 0.23), Gear(DELTA, 0.12)
     seen, also = here.attractors(count=1024), there.attractors(count=1024)
-    two_bounces = next(a for a in also if name(a) == "P(1,2,0)")
+    two_bounces = next(a for a in also if label_of(a) == "P(1,2,0)")
     orbit = periodic_orbit(DELTA, 0.12, two_bounces.tau, two_bounces.v, 2)
     born = next(e.epsilon for e in branch(orbit, "epsilon", (0.09, 0.13)).events if e.kind is Kind.SADDLE_NODE)
     kinds = ", ".join(sorted({KINDS[k] for k in found.kind[other & ~two]})) or "nothing"
@@ -262,11 +264,11 @@ def region_one() -> Finding:
 
 
 def number_of_attractors(found: Panels) -> Finding:
-    """Figure 4's sequence."""
+    """Return the finding on the number of attractors in the panels of Figure 4."""
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
     c = [basin_share(attractors, "P(1,1,0)") for attractors in found.values()]
     rattling = [1 - basin_share(attractors, "quiet") for attractors in found.values()]
-    lone = sorted({name(a) for a in found[0.089]})
+    lone = sorted({label_of(a) for a in found[0.089]})
     return Finding(
         "number of attractors",
         "The number of attractors does not fall steadily with ε",

@@ -1,4 +1,4 @@
-"""Every number that the paper states, computed. β = 0.6 throughout."""
+"""Compute each number that the paper states, at β = 0.6."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import end_of_chaos
 from rattle.paper.records import Number
 
-#: What the paper states: where, the digits, and the key of the finding if it is off.
+#: For each number: its place in the paper, its digits as printed, and the key of the finding that explains an error.
 STATED = {
     "SN1 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0596", ""),
     "SN2 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0687", ""),
@@ -33,7 +33,7 @@ STATED = {
     "λ₁ = λ₂ = 2/3, δ": ("5.2", "≈ 0.8109", ""),
 }
 
-#: What is a theorem: the curve with its damping, or the point of codimension two with its coordinate (docs/proofs.md).
+#: The numbers that are proved (docs/proofs.md): a curve and its damping, or a codimension-two point and a coordinate.
 PROVED = {
     **{f"{curve} at δ = {delta}": (curve, delta) for curve in ("SN1", "G1") for delta in ("0.6", "0.762")},
     "SN2 at δ = 0.6": ("SN2", "0.6"),
@@ -47,28 +47,29 @@ PROVED = {
 }
 
 
-def at(curve: str, delta: float) -> float:
+def epsilon_at(curve: str, delta: float) -> float:
     """Return ε of a bifurcation curve at one damping; NaN where it is absent."""
     found = trace(curve, delta=(delta - 0.01, delta + 0.01)).at(delta)
     return found[0] if found else math.nan
 
 
 def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
-    """How each is computed; the names are those of STATED."""
+    """Return the computation of each number, by its name in STATED. Raises RattleError."""
     points = {point.name: point for point in codimension_two()}
-    if not {"COD21", "COD22", "COD23"} <= set(points):
-        raise RattleError("codimension-two points of beta = 0.6 are missing")
+    missing = {"COD21", "COD22", "COD23"} - set(points)
+    if missing:
+        raise RattleError(f"{', '.join(sorted(missing))} was not found at beta = 0.6: report this as a bug")
     equal, ends, fold = points["COD21"], points["COD23"], points["COD22"]
     first, second = rattle.grazing("G1", 0.762).multipliers
     return {
-        "SN1 at δ = 0.6": lambda: at("SN1", 0.6),
-        "SN2 at δ = 0.6": lambda: at("SN2", 0.6),
-        "PD1 at δ = 0.6": lambda: at("PD1", 0.6),
+        "SN1 at δ = 0.6": lambda: epsilon_at("SN1", 0.6),
+        "SN2 at δ = 0.6": lambda: epsilon_at("SN2", 0.6),
+        "PD1 at δ = 0.6": lambda: epsilon_at("PD1", 0.6),
         "chaotic attractor appears at δ = 0.6": lambda: birth_of_chaos().graze,
         "chaotic attractor ends at δ = 0.6": lambda: end_of_chaos(0.6, 0.1107, 0.1112, 2e-6),
-        "G1 at δ = 0.6": lambda: at("G1", 0.6),
-        "SN1 at δ = 0.762": lambda: at("SN1", 0.762),
-        "G1 at δ = 0.762": lambda: at("G1", 0.762),
+        "G1 at δ = 0.6": lambda: epsilon_at("G1", 0.6),
+        "SN1 at δ = 0.762": lambda: epsilon_at("SN1", 0.762),
+        "G1 at δ = 0.762": lambda: epsilon_at("G1", 0.762),
         "chaotic attractor ends at δ = 0.762": lambda: end_of_chaos(0.762, 0.0973, 0.0976, 1e-6),
         "λ₁ of C on G1 at δ = 0.762": lambda: float(first.real),
         "λ₂ of C on G1 at δ = 0.762": lambda: float(second.real),
@@ -84,7 +85,7 @@ def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
 
 
 def paper_numbers(of: str | None = None) -> tuple[Number, ...]:
-    """Return all of them, in the paper's order, or those that the finding of this key explains."""
+    """Return all numbers in the paper's order, or only those that the finding with the key `of` explains."""
     computed = _computed()
     return tuple(
         Number(where, what, paper, computed[what](), key)

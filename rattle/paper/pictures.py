@@ -1,4 +1,4 @@
-"""Statements of the paper about its Figures 4 to 6: basins, and the one-parameter diagram at δ = 0.6."""
+"""The paper's statements about its Figures 4 to 6: basins, and the diagram along ε at δ = 0.6."""
 
 import numpy as np
 
@@ -9,9 +9,12 @@ from rattle.orbits.period_one import NAMES, PeriodOne
 from rattle.paper.records import Statement
 
 DELTA = 0.6
-PANELS = (0.056, 0.0615, 0.067, 0.0725, 0.078, 0.0835, 0.089, 0.0945, 0.1)  # ε of Figure 4 (a) to (i)
+#: ε of the panels (a) to (i) of Figure 4.
+PANELS = (0.056, 0.0615, 0.067, 0.0725, 0.078, 0.0835, 0.089, 0.0945, 0.1)
+#: Number of initial conditions in a panel.
 SAMPLES = 4096
-SMALL = 0.02  # a basin with less of the sample than this is "very small"
+#: Largest basin fraction that counts as "very small".
+SMALL = 0.02
 
 Panels = dict[float, tuple[Attractor, ...]]
 
@@ -21,25 +24,25 @@ def compute_panels() -> Panels:
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 
 
-def name(attractor: Attractor) -> str:
-    """P(m, n₊, n₋), or the kind."""
+def label_of(attractor: Attractor) -> str:
+    """Return the label P(m,n₊,n₋) of a periodic attractor, or the kind of another attractor."""
     if attractor.kind != "periodic":
         return attractor.kind
     return f"P({attractor.m},{attractor.n_plus},{attractor.n_minus})"
 
 
 def fractions(attractors: tuple[Attractor, ...]) -> str:
-    """Return all attractors with the share of the sample."""
-    return ", ".join(f"{name(a)} {a.fraction:.3f}" for a in attractors)
+    """Return the labels of all attractors with their basin fractions, as text."""
+    return ", ".join(f"{label_of(a)} {a.fraction:.3f}" for a in attractors)
 
 
 def basin_share(attractors: tuple[Attractor, ...], wanted: str) -> float:
-    """Return the share of the sample that goes to attractors of this name."""
-    return sum(a.fraction for a in attractors if name(a) == wanted)
+    """Return the basin fraction of all attractors with the label `wanted`."""
+    return sum(a.fraction for a in attractors if label_of(a) == wanted)
 
 
 def figure_4(found: Panels) -> tuple[Statement, ...]:
-    """Figure 4's caption, and section 5.1 on it."""
+    """Return the statements of Figure 4's caption, and those of section 5.1 about it."""
     a, b, d, e, g, i = (found[x] for x in (0.056, 0.0615, 0.0725, 0.078, 0.089, 0.1))
     several = min(len(x) for epsilon, x in found.items() if epsilon > 0.056)
     return (
@@ -59,13 +62,13 @@ def figure_4(found: Panels) -> tuple[Statement, ...]:
 
 
 def figures_5_and_6() -> tuple[Statement, ...]:
-    """Figure 5 and section 5.1 on it; Figure 6's caption."""
+    """Return the statements about Figure 5, in section 5.1 too, and those of Figure 6's caption."""
     epsilon = np.linspace(
         rattle.sn1(DELTA) * (1 + 1e-12), float(rattle.grazing("G1", DELTA).epsilon) * (1 - 1e-12), 801
     )
     a, b, c, d = range(4)
     orbits = rattle.period_one(DELTA, epsilon)
-    constant = max(_off(orbits, k, i, float(epsilon[i])) for k in (a, c) for i in range(0, 801, 100))
+    constant = max(_speed_error(orbits, k, i, float(epsilon[i])) for k in (a, c) for i in range(0, 801, 100))
     speeds, phases = orbits.v[[b, d]], orbits.tau
     low, high = np.nanmin(orbits.v), np.nanmax(orbits.v)
     span = np.nanmax(speeds, axis=1) - np.nanmin(speeds, axis=1)
@@ -75,7 +78,7 @@ def figures_5_and_6() -> tuple[Statement, ...]:
     saddles = [
         NAMES[k] for k in (a, b, d) if np.abs(here.multipliers[k]).max() > 1 and not here.multipliers[k].imag.any()
     ]
-    basins = sorted({name(x) for x in Gear(DELTA, 0.1).attractors(count=SAMPLES)})
+    basins = sorted({label_of(x) for x in Gear(DELTA, 0.1).attractors(count=SAMPLES)})
     return (
         Statement(
             "5.1, Fig. 5",
@@ -109,7 +112,7 @@ def figures_5_and_6() -> tuple[Statement, ...]:
     )
 
 
-def _off(orbits: PeriodOne, k: int, i: int, epsilon: float) -> float:
-    """How far one step of the impact map takes an orbit's speed from 2πδ."""
+def _speed_error(orbits: PeriodOne, k: int, i: int, epsilon: float) -> float:
+    """Return how much the speed after one step of Π from orbit k at ε number i differs from 2πδ."""
     step = Gear(DELTA, epsilon).impact(float(orbits.tau[k, i]), float(orbits.v[k, i]))
     return abs(step.v - 2 * np.pi * DELTA)

@@ -1,4 +1,4 @@
-"""Statements of the paper about its Figures 7 to 9: regions, grazing curves, and the chaos born on G1."""
+"""The paper's statements about its Figures 7 to 9: regions, grazing curves, and the chaos that is born on G1."""
 
 import math
 
@@ -10,19 +10,22 @@ from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.period_one import PeriodOne
-from rattle.paper.chaos import has_settled, on_chaos
+from rattle.paper.chaos import has_settled, states_on_chaos
 from rattle.paper.records import Statement
 
-WINDOW = ((0.4, 1.0), (0.0, 0.3))  # δ and ε of Figure 7
+#: Ranges of δ and ε in Figure 7.
+WINDOW = ((0.4, 1.0), (0.0, 0.3))
+#: Numbers of cells along δ and ε.
 CELLS = (300, 150)
 A, B, C, D = range(4)
-ASIDE = 1e-7  # distance in ε from a curve at which orbits are looked for on both of its sides
+#: Distance in ε from a curve, on both sides, at which the orbits are determined.
+ASIDE = 1e-7
 
 Array = NDArray[np.float64]
 
 
 def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
-    """Return δ and ε at the centres of cells of Figure 7's plane."""
+    """Return δ and ε at the centres of columns × rows cells of Figure 7's plane."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
     epsilon = e0 + (e1 - e0) * (np.arange(rows) + 0.5) / rows
@@ -31,7 +34,7 @@ def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, A
 
 
 def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ...]:
-    """Return the regions, and stability where it does not depend on the region."""
+    """Return the statements about the regions of Figure 7, and about the stability of A and B."""
     covered = float((region > 0).mean())
     unstable = [int(orbits.stable[k].sum()) for k in (A, B)]
     inside = [int((region == k).sum()) for k in range(1, 6)]
@@ -51,8 +54,8 @@ def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ..
     )
 
 
-def _seen(curve: str, delta: Array) -> tuple[set[str], set[str]]:
-    """Return the sets of orbits just below and just above a grazing curve."""
+def _orbits_beside(curve: str, delta: Array) -> tuple[set[str], set[str]]:
+    """Return the names of the orbits that exist just below and just above a grazing curve, at all δ."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
     for side in (-ASIDE, ASIDE):
@@ -64,7 +67,7 @@ def _seen(curve: str, delta: Array) -> tuple[set[str], set[str]]:
 
 
 def along_grazing() -> tuple[Statement, ...]:
-    """Section 5.2 on what happens on G1 and G2, and on the multipliers there."""
+    """Return the statements of section 5.2 about the orbits and multipliers on G1 and G2."""
     points = {point.name: point for point in codimension_two()}
     d1, d2, d3 = (points[name].delta for name in ("COD21", "COD22", "COD23"))
     before, between, after = np.linspace(0.4, d1, 61)[:-1], np.linspace(d1, d2, 62)[1:-1], np.linspace(d2, 1, 61)[1:]
@@ -80,7 +83,7 @@ def along_grazing() -> tuple[Statement, ...]:
         ),
         ("A and D appear on G2 beyond COD22", "G2", after, "none", "AD"),
     ):
-        low, high = _seen(curve, delta)
+        low, high = _orbits_beside(curve, delta)
         shown = f"{delta.size} δ: {' or '.join(sorted(low))} below, {' or '.join(sorted(high))} above"
         rows.append(Statement("5.2", where, shown, low == {below} and high == {above}))
     for says, name in (
@@ -94,6 +97,7 @@ def along_grazing() -> tuple[Statement, ...]:
 
 
 def _multipliers(before: Array, between: Array, after: Array) -> tuple[Statement, ...]:
+    """Return the statements about multipliers at δ before COD21, between COD21 and COD22, and after COD22."""
     first, middle, last = (
         rattle.grazing(c, d).multipliers for c, d in (("G1", before), ("G1", between), ("G2", after))
     )
@@ -131,11 +135,11 @@ def _multipliers(before: Array, between: Array, after: Array) -> tuple[Statement
 
 
 def figure_9(end: float) -> tuple[Statement, ...]:
-    """Return the chaotic attractor at δ = 0.762 from G1 to its end, followed through ε by 256 trajectories."""
+    """Return the statements about the chaotic attractor at δ = 0.762, from G1 to its end at ε = end."""
     delta = 0.762
     start = float(rattle.grazing("G1", delta).epsilon)
     epsilon = start + (end - start) * (np.arange(40) + 0.5) / 40
-    tau, v = on_chaos(delta, epsilon[0], 256)
+    tau, v = states_on_chaos(delta, epsilon[0], 256)
     lost, weakest, spread = 0, math.inf, []
     for e in epsilon:
         states = rattle.iterate_tangent(delta, e, tau, v, 4000)

@@ -1,13 +1,15 @@
-"""Statements of the paper beside computed values, and the rule that decides whether they agree.
+"""Records of the check: numbers, statements and findings, and the rule that decides whether a number agrees.
 
-A number agrees if it lies within half a unit of the last digit that the paper gives; where the paper writes ≈, within
-one unit, because ≈ does not say that the last digit was rounded and not cut. An interval agrees only as a whole.
+A number agrees if the computed value is within half a unit of the last digit that the paper gives. Where the paper
+writes ≈, it agrees within one unit, because the last digit may have been cut off and not rounded. An interval agrees
+only if all of it does.
 """
 
 from dataclasses import dataclass
 from decimal import Decimal
 
-ROUNDING = 1e-12  # the paper's decimals are not binary fractions
+#: Added to each tolerance, because the paper's decimals are not exact in binary.
+ROUNDING = 1e-12
 
 AGREES, OFF, UNDECIDED = "agrees", "off", "undecided"
 HOLDS, FAILS = "holds", "fails"
@@ -15,9 +17,11 @@ HOLDS, FAILS = "holds", "fails"
 
 @dataclass(frozen=True)
 class Number:
-    """One number that the paper states, as it writes it, and the computed one: a value, or the interval that is left.
+    """A number that the paper states, and its computed value.
 
-    where: figure or section. finding: key of the finding that says why the two differ, "" if they should agree.
+    where: the figure or section. what: the quantity. paper: the number as the paper prints it.
+    computed: a value, or both ends of an interval that contains it.
+    finding: the key of the finding that explains why the two differ, "" if they should agree.
     """
 
     where: str
@@ -28,28 +32,28 @@ class Number:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Return both ends of what was computed."""
+        """Both ends of the computed interval; of a value, the value twice."""
         return self.computed if isinstance(self.computed, tuple) else (self.computed, self.computed)
 
     @property
     def stated(self) -> Decimal:
-        """The paper's digits."""
+        """The number that the paper prints, without ≈."""
         return Decimal(self.paper.removeprefix("≈").strip())
 
     @property
     def tolerance(self) -> float:
-        """Largest difference that agrees: half a unit of the last digit, with ≈ one unit."""
+        """The largest difference with which a number agrees: half a unit of the last digit, or one unit with ≈."""
         unit = 10.0 ** int(self.stated.as_tuple().exponent)
         return unit if self.paper.startswith("≈") else unit / 2
 
     @property
     def difference(self) -> float:
-        """Computed (of an interval its middle) less stated."""
+        """The computed value, or the middle of the interval, minus the stated number."""
         return sum(self.interval) / 2 - float(self.stated)
 
     @property
     def verdict(self) -> str:
-        """AGREES, OFF, or UNDECIDED where only part of the interval agrees."""
+        """AGREES, OFF, or UNDECIDED if only a part of the interval agrees."""
         low, high = (end - float(self.stated) for end in self.interval)
         reach = self.tolerance + ROUNDING
         if -reach <= low and high <= reach:
@@ -58,13 +62,17 @@ class Number:
 
     @property
     def as_expected(self) -> bool:
-        """False if it is off and no finding takes that up, or if it agrees though a finding says that it does not."""
+        """True if the number agrees and has no finding, or is off and has a finding that explains it."""
         return self.verdict == (OFF if self.finding else AGREES)
 
 
 @dataclass(frozen=True)
 class Statement:
-    """One thing that the paper says without a number, the evidence in words, and whether that bears it out."""
+    """A statement of the paper without a number.
+
+    where: the figure or section. says: the statement. computed: the computed evidence in words.
+    holds: whether the evidence supports the statement.
+    """
 
     where: str
     says: str
@@ -78,13 +86,16 @@ class Statement:
 
     @property
     def as_expected(self) -> bool:
-        """A statement that fails belongs among the findings."""
+        """True if the statement holds; a statement that fails must be a finding."""
         return self.holds
 
 
 @dataclass(frozen=True)
 class FindingEvidence:
-    """One computed fact in support of a finding, and whether the computation still shows it."""
+    """A computed fact in support of a finding.
+
+    shows: the fact in words, with numbers. holds: whether the computation still shows it.
+    """
 
     shows: str
     holds: bool
@@ -92,9 +103,10 @@ class FindingEvidence:
 
 @dataclass(frozen=True)
 class Finding:
-    """Finding: a wrong or incomplete statement of the paper, the right one, and computed evidence.
+    """A wrong or incomplete statement of the paper, with its correction and computed evidence.
 
-    key: the name by which a `Number` refers to it.
+    key: the name by which a `Number` refers to the finding. title: one sentence.
+    paper: what the paper states. instead: the correction. evidence: the computed facts.
     """
 
     key: str
@@ -105,13 +117,13 @@ class Finding:
 
     @property
     def as_expected(self) -> bool:
-        """True while all of its evidence holds."""
+        """True if all of the evidence holds."""
         return all(one.holds for one in self.evidence)
 
 
 @dataclass(frozen=True)
 class Report:
-    """Numbers, statements, and findings in the order of their numbers from `first`, 1 in a whole report."""
+    """The result of the check; first: the number of the first finding, 1 in a whole report."""
 
     numbers: tuple[Number, ...]
     statements: tuple[Statement, ...]
@@ -119,12 +131,12 @@ class Report:
     first: int = 1
 
     def number_of(self, key: str) -> int:
-        """Return the number of the finding of this key."""
+        """Return the number of the finding with this key."""
         return [x.key for x in self.findings].index(key) + self.first
 
     @property
     def summary(self) -> str:
-        """How many numbers, statements and findings there are, and how many are as they should be, in a line."""
+        """One line with the counts of numbers that agree, statements that hold, and findings whose evidence holds."""
         counts = (
             (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
             (sum(x.finding != "" and x.as_expected for x in self.numbers), self.numbers, "are off as findings say"),
@@ -135,7 +147,7 @@ class Report:
 
     @property
     def unexpected(self) -> tuple[str, ...]:
-        """Deviations without a finding that explains them, and findings whose evidence is not borne out."""
+        """The numbers and statements that deviate without a finding, and the findings whose evidence fails."""
         numbers = (x.what for x in self.numbers if not x.as_expected)
         statements = (x.says for x in self.statements if not x.as_expected)
         numbered = enumerate(self.findings, self.first)

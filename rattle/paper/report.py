@@ -1,4 +1,4 @@
-"""All checks together."""
+"""Run all checks of the paper, or one finding."""
 
 from collections.abc import Callable
 from functools import cache
@@ -9,18 +9,19 @@ from rattle.paper import forces, motions, pictures, plane
 from rattle.paper.numbers import paper_numbers
 from rattle.paper.records import Finding, Number, Report, Statement
 
+#: The number, by its name in `numbers.STATED`, at which the statements about Figure 9 end.
 END = "chaotic attractor ends at δ = 0.762"
 
 
 def report() -> Report:
-    """Compute everything: about twenty seconds on one core once the library is compiled."""
+    """Compute the whole report, which takes about twenty seconds on one core with compiled kernels."""
     panels = pictures.compute_panels()
     found = paper_numbers()
     return Report(found, statements(panels, found), findings(panels))
 
 
 def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Statement, ...]:
-    """Return the statements in the paper's order."""
+    """Compute all statements, in the paper's order; found: the computed numbers."""
     delta, epsilon = plane.plane_cells()
     orbits, region = rattle.period_one(delta, epsilon), rattle.regions(delta, epsilon)
     end = next(number.interval[0] for number in found if number.what == END)
@@ -35,20 +36,31 @@ def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Stat
 
 
 def findings(panels: pictures.Panels) -> tuple[Finding, ...]:
-    """Return the findings: where the paper is wrong or incomplete."""
+    """Compute all findings: where the paper is wrong or incomplete."""
     return tuple(compute() for compute in _findings(lambda: panels))
 
 
 def one_finding(number: int) -> Report:
-    """Compute one finding, by its number in the report, and the numbers that it explains. Raises ParameterError."""
+    """Compute one finding, by its number in the report, and the numbers that it explains.
+
+    Returns
+    -------
+    Report
+        A report with this finding alone.
+
+    Raises
+    ------
+    ParameterError
+        If there is no finding with this number.
+    """
     known = _findings(pictures.compute_panels)
-    require(1 <= number <= len(known), f"there is no finding {number}: there are 1 to {len(known)}")
+    require(1 <= number <= len(known), f"there is no finding {number}: choose a number from 1 to {len(known)}")
     found = known[number - 1]()
     return Report(paper_numbers(found.key), (), (found,), number)
 
 
 def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
-    """Return the computation of each finding, in order; shared values are computed once, if at all."""
+    """Return the computation of each finding, in order. Values that several of them use are computed once."""
     cells = cache(plane.plane_cells)
     orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (

@@ -1,12 +1,12 @@
-"""Pictures, with matplotlib, which the extra `plot` installs: the paper's figures, diagrams, the plane of the curves.
+"""Pictures with matplotlib, which the extra `plot` installs: the paper's figures, diagrams, the plane of curves.
 
-No picture uses pyplot or other global state of matplotlib: servers draw in threads.
+No function uses pyplot or other global state of matplotlib, because servers draw in threads.
 """
 
 from rattle.errors import MissingExtraError
 
 try:
-    import matplotlib  # noqa: F401 - whether it is there
+    import matplotlib  # noqa: F401 - the import tests whether it is installed
 except ImportError as error:
     raise MissingExtraError("pictures need matplotlib: pip install 'gear-rattle[plot]'") from error
 

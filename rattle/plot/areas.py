@@ -1,4 +1,4 @@
-"""The blocks of a plane on which something is proved, and what is left between them."""
+"""Draw the blocks of a plane on which claims are proved, and the parts between them."""
 
 from collections.abc import Sequence
 
@@ -12,9 +12,10 @@ from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, 
 from rattle.proof.areas.shares import REGION, shares_of_claims
 from rattle.proof.certificate import Ends
 
-LEFT = "#222222"  # what is not proved
+#: Colour of the parts on which nothing is proved.
+LEFT = "#222222"
 UNSTABLE, POSSIBLE, NOTHING = "#c9bfe0", "#a1d99b", REGION_COLOURS[1]
-#: Panels: what is proved of what, each claim with its colour.
+#: The panels: a title, and the claims that it shows with their colours.
 PANELS = (
     ("regions", dict(zip(REGIONS, REGION_COLOURS[1:], strict=False))),
     ("C", {ATTRACTING["C"]: NAMED[1, 1, 0], SADDLE["C"]: UNSTABLE, ABSENT["C"]: NOTHING}),
@@ -24,9 +25,9 @@ PANELS = (
 
 
 def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> Drawing:
-    """Draw blocks of this plane, a panel for each kind of claim; dark is what is not proved."""
+    """Draw the proved blocks of a plane, in one panel for each kind of claim; parts that are not proved are dark."""
     figure = new_figure(10.0, 8.0)
-    told = next(
+    proved_regions = next(
         share
         for share in shares_of_claims(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0]))
         if share.what == REGION
@@ -35,19 +36,20 @@ def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> D
         _panel(axes, [block for block in blocks if block.claim in inks], inks)
         if QUIET in inks:
             _speeds(axes, [block for block in blocks if block.claim == CAPTURED])
-        title = f"{name}: {told.proved:.1%} proved" if name == "regions" else name
+        title = f"{name}: {proved_regions.proved:.1%} proved" if name == "regions" else name
         axes.set(title=title, xlabel="damping δ", ylabel="eccentricity ε", facecolor=LEFT)
         axes.set(xlim=[float(x) for x in delta], ylim=[float(x) for x in epsilon])
     return Drawing(figure)
 
 
 def _corners(blocks: Sequence[ProvedBlock]) -> list[list[tuple[float, float]]]:
+    """Return the four corners (δ, ε) of each block."""
     ends = [(*map(float, block.delta), *map(float, block.epsilon)) for block in blocks]
     return [[(left, low), (right, low), (right, high), (left, high)] for left, right, low, high in ends]
 
 
 def _panel(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> None:
-    """Rectangles, and a key."""
+    """Draw blocks as rectangles in the colours of their claims, with a legend."""
     colours = [inks[block.claim] for block in blocks]
     axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
     keys = [Patch(color=ink, label=claim) for claim, ink in [*inks.items(), ("not proved", LEFT)]]
@@ -55,7 +57,7 @@ def _panel(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> N
 
 
 def _speeds(axes: Axes, blocks: Sequence[ProvedBlock]) -> None:
-    """Rectangles by the speed, and its scale."""
+    """Draw blocks as rectangles coloured by their capture speed, with a colour bar."""
     if not blocks:
         return
     speeds = [float(block.speed or 0) for block in blocks]

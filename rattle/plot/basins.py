@@ -1,4 +1,4 @@
-"""Basins of attraction in the (τ, v) plane, v downwards as in the paper. Figures 4 and 6 of the paper."""
+"""Draw basins of attraction in the (τ, v) plane, with v downwards as in the paper: its Figures 4 and 6."""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -31,34 +31,44 @@ from rattle.plot.paper_ranges import BETA
 
 Array = NDArray[np.float64]
 
-RESOLUTION = 1000  # cells a side, as in the paper
-FEW_TICKS = 4  # numbers along an axis of a small panel
+#: Cells along each axis, as in the paper.
+RESOLUTION = 1000
+#: Most numbers along an axis of a small panel.
+FEW_TICKS = 4
+#: Most panels of a figure.
 MOST_PANELS = 9
-MOST_NAMED = 24  # types of motion in a legend
-SPACING = 0.005  # of points of Γ and of manifolds
-ARCLENGTH = 200.0  # of each side of a manifold: at the paper's ε = 0.1 no edge of a basin is without one then
-MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}  # magenta and green
-CROSSES = {True: ("+", "attractor"), False: ("x", "saddle")}  # the mark of an orbit, by its stability
+#: Most types of motion in a legend.
+MOST_NAMED = 24
+#: Distance of neighbouring points of Γ and of manifolds.
+SPACING = 0.005
+#: Length of each side of a manifold; long enough to cover all basin boundaries at the paper's ε = 0.1.
+ARCLENGTH = 200.0
+#: Colours of the manifolds of A and B: magenta and green.
+MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}
+#: Marker and legend of a period-one orbit, by its stability.
+CROSSES = {True: ("+", "attractor"), False: ("x", "saddle")}
 DOWNWARDS = "impact speed v, downwards"
-AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])  # of a cross, in (τ, v)
+#: Points (τ, v) around the centre of a marker, from which labels keep clear.
+AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])
+#: Largest distance in τ and in v of two states of the same orbit.
 SAME_ORBIT = 1e-6
-DIM = "0.25"  # edge of what is white
+#: Colour of the edge of white lines and marks.
+DIM = "0.25"
 
 
 def highest(gear: AnyGear) -> float:
-    """Return the largest speed of a picture of states: the paper's in its plane, the natural one elsewhere."""
+    """Return the largest speed on the axis: that of the paper within its plane, and else the natural speed."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
 def fold_line(tau: Array, v: Array, v_max: float) -> Array:
-    """Return a line of the (τ, v) plane (k, 2) with its phases folded into [0, 1].
-
-    NaN where it leaves a side, and without the part beyond v_max. It ends on the very side that it leaves.
+    """Return a line of the (τ, v) plane with its phases folded into [0, 1], without its parts beyond v_max.
 
     Returns
     -------
     Array
-        Points (n, 2).
+        Points (n, 2). A row of NaN separates the pieces where the line leaves at τ = 0 or 1; each piece ends exactly
+        there.
     """
     turn = np.floor(tau)
     points = [np.column_stack([tau - turn, v])]
@@ -78,7 +88,7 @@ def fold_line(tau: Array, v: Array, v_max: float) -> Array:
 
 
 def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
-    """Draw basins as pixels, one a cell."""
+    """Draw basins as an image with one pixel for each cell."""
     colours = np.array([to_rgb(palette.colour(each)) for each in basins.attractors])
     pixels = np.round(255 * colours).astype(np.uint8)[basins.labels]
     left, right, low, high = basins.box
@@ -87,12 +97,12 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
 
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
-    """Γ of a gear whose model has it, folded (k, 2), empty if there is none."""
+    """Return the grazing curve Γ of a gear as a folded line (k, 2), empty if there is none."""
     return _joined([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
 def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
-    """Draw Γ in white; returns the line (k, 2), empty if there is none."""
+    """Draw the grazing curve Γ in white, and return its line (k, 2), empty if there is none."""
     line = gamma_line(gear, v_max)
     if len(line):
         outlined(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
@@ -100,6 +110,7 @@ def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
 
 
 def _joined(lines: Sequence[Array]) -> Array:
+    """Return several lines as one, with a row of NaN after each."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
 
@@ -107,7 +118,7 @@ def _joined(lines: Sequence[Array]) -> Array:
 def _legend(
     figure: Figure, attractors: Iterable[Attractor], palette: Palette, lines: Sequence[Line2D], columns: int
 ) -> None:
-    """Name each type of motion once, of many those with the largest basins, and the lines."""
+    """Add a legend of the lines and of all types of motion; of many types, those with the largest basins."""
     largest: dict[str, Attractor] = {}
     for each in attractors:
         if legend_name(each) not in largest or each.fraction > largest[legend_name(each)].fraction:
@@ -131,7 +142,7 @@ def _legend(
 
 
 def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
-    """Return the mark of a period-one orbit where it lies, or in a legend."""
+    """Return the marker of a period-one orbit at its state, or without an orbit for a legend."""
     marker, meaning = CROSSES[stable]
     at = ([], []) if orbit is None else ([orbit.tau], [orbit.v])
     mark = Line2D(*at, ls="", marker=marker, color="white", ms=9, mew=1.6, zorder=4, label=meaning)
@@ -139,6 +150,7 @@ def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
 
 
 def _white_line(width: float) -> Line2D:
+    """Return the legend's line for Γ."""
     return outlined(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
 
 
@@ -152,23 +164,27 @@ def panels(
     harmonics: Sequence[Harmonic] = (),
     **added: float | None,
 ) -> Drawing:
-    """Draw Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
+    """Draw Figure 4: a panel of basins for each ε, with one legend. The centre of each cell is followed on its own.
 
     Parameters
     ----------
+    delta, beta : float
+        Damping and half-backlash.
+    epsilon : sequence of float
+        An eccentricity for each panel.
     resolution : int
-        Cells a side.
+        Cells along each axis.
     tau, v : Range
-        Ranges (low, high), by default the plane of `Gear.basins`.
+        Ranges (low, high) of the axes, by default those of `Gear.basins`.
     harmonics : sequence of (int, float, float)
-        Of a model that takes them, beside the first: see `rattle.Gear`.
+        Harmonics of the forcing besides the first, for a model that takes them: see `rattle.Gear`.
     **added : float, optional
-        What a model adds, by name; by default it is the impacting model.
+        The parameters that a model adds, by name; without them the impacting model is drawn.
 
     Returns
     -------
     Drawing
-        The figure, and notes on what it lacks or has otherwise than asked.
+        The figure, and notes on parts that are left out or differ from the request.
 
     Raises
     ------
@@ -199,7 +215,7 @@ def panels(
 
 
 def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
-    """Numbers and names at the first panel of a row and the last of a column only."""
+    """Put numbers and names of the axes at the first panel of a row and the last panel of a column only."""
     phases = [box.tau_low, 0.5 * (box.tau_low + box.tau_high), box.tau_high]
     axes.set_xticks(phases, [f"{x:.4g}" for x in phases])
     axes.yaxis.set_major_locator(MaxNLocator(FEW_TICKS))
@@ -211,17 +227,19 @@ def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
     """Draw Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
 
-    Parts that do not exist there are left out, and a note says so.
+    Parts that do not exist at this point are left out, with a note.
 
     Parameters
     ----------
+    delta, epsilon, beta : float
+        The point.
     resolution : int
-        Cells a side.
+        Cells along each axis.
 
     Returns
     -------
     Drawing
-        The figure, and notes on what it lacks or has otherwise than asked.
+        The figure, and notes on parts that are left out or differ from the request.
 
     Raises
     ------
@@ -250,7 +268,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     shown = {name: orbit for name, orbit in orbits.items() if orbit.v < v_max}
     missing = [name for name in NAMES if name not in shown]
     if missing:
-        notes.append(f"left out, as there is no such orbit with v below {v_max:.3g} there: {', '.join(missing)}")
+        notes.append(f"{', '.join(missing)} left out: there is no such orbit with v below {v_max:.3g} at this point")
     for orbit in shown.values():
         axes.add_line(_cross(orbit.stable, orbit))
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
@@ -278,9 +296,9 @@ def manifold_line(
     arclength: float = ARCLENGTH,
     spacing: float = SPACING,
 ) -> tuple[Array, str | None]:
-    """Return both sides of the stable or unstable manifold of A or B, folded (k, 2), and why any of it is missing."""
+    """Return the stable or unstable manifold of A or B as a folded line (k, 2), and why a part is missing, if so."""
     if orbit is None:
-        return np.empty((0, 2)), None  # what orbits are missing is said anyway
+        return np.empty((0, 2)), None  # another note names missing orbits
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
     sides, why, v_max = [], None, highest(gear)
@@ -296,19 +314,20 @@ def manifold_line(
 
 
 def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:
-    """Ranges of points without a gap in them."""
+    """Return the ranges (start, end) of points between the gaps of a manifold."""
     cuts = [0, *pieces[1:-1][gap > 0].tolist(), int(pieces[-1])]
     return list(pairwise(cuts))
 
 
 def _stable(name: str) -> str:
+    """Return the label of the stable manifold of an orbit."""
     return f"$W^s({name})$"
 
 
 def _write_labels(
     axes: Axes, basins: Basins, orbits: dict[str, Orbit], manifolds: dict[str, Array], gamma: Array
 ) -> None:
-    """Name the orbits, the basins where they are thick, and the lines."""
+    """Write the names of orbits, of basins with enough room, and of lines."""
     around = AROUND * [1.0, basins.v_max / PAPER_SPEED]
     marks = [np.array([orbit.tau, orbit.v]) + around for orbit in orbits.values()]
     labels = Labels(axes, [*manifolds.values(), gamma, *marks])
@@ -328,7 +347,7 @@ def _write_labels(
 
 
 def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
-    """Return the paper's symbol of a basin, if it has one."""
+    """Return the paper's symbol of an attractor's basin, or None."""
     if attractor.kind == "quiet":
         return r"$\Delta_L$"
     if attractor.kind == "chaotic":

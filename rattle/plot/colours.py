@@ -1,9 +1,9 @@
 """A colour for each type of motion, the same in every picture.
 
-Types are those of the paper's itineraries, P(m, n₊, n₋). Its words for Figures 4 to 6 are followed where they tell
-types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is dark brown. The types of Figure 4
-are as far from one another as these words allow, for deuteranopes too. Where a picture has
-so many types that two would look alike, as at weak damping, the later one gets another colour there (`Palette`).
+The types are P(m, n₊, n₋). Colours follow the words of the paper about its Figures 4 to 6, with one exception: the
+paper calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is dark brown. The colours of Figure 4 are as
+different as these words allow, for deuteranopes too. If a picture has so many types that two would look alike, as at
+weak damping, the later one gets another colour in this picture (`Palette`).
 """
 
 import colorsys
@@ -20,6 +20,7 @@ from rattle.errors import require, require_integer
 Label = tuple[int, int, int]
 
 KIND_COLOURS = {"quiet": "#17386e", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
+#: Colours of single types.
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
     (1, 1, 1): "#fbd4b1",  # light orange
@@ -29,24 +30,27 @@ NAMED: dict[Label, str] = {
     (5, 5, 2): "#6677cc",
     (8, 8, 6): "#39240e",
 }
-#: Of `rattle.REGIONS`, III and V told apart by deuteranopes too; those of other sets than the paper's are as far
-#: from one another as light colours can be.
+#: Colours of `rattle.REGIONS`. Deuteranopes can distinguish III and V. The colours of sets that the paper does not have
+#: are as different as light colours can be.
 REGION_COLOURS = (
     "#e8e8e8", "#f4efe3", "#bfdcec", "#60b8a8", "#f2c879", "#d88870", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
     "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
 )  # fmt: skip
-#: Hues in degrees that no named colour has: green to teal, and purple to pink.
+#: Ranges of hues in degrees for all other types, which no colour of NAMED has: green to teal, and purple to pink.
 HUES = ((100.0, 175.0), (265.0, 335.0))
 SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)
-# Steps of hue and lightness for one more of m, n₊, n₋: colours are a lattice, which is one of those that keep the types
-# of a picture farthest apart, found by trial on Figure 4 and on 500 random points of the plane.
+#: Steps of hue and lightness with m, n₊ and n₋, as shares of their ranges. They were found by trial: they keep the
+#: types of Figure 4, and those at 500 random points of the plane, as different as possible.
 HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
+#: Largest m, n₊ and n₋.
 MOST = 10**9
-ALIKE = 15.0  # distance in CIELAB below which two colours of a picture are not told apart
-#: What a picture has for types that look like others: hue, lightness, saturation.
+#: Distance in CIELAB below which two colours look alike.
+ALIKE = 15.0
+#: Colours (hue, lightness, saturation) for types whose own colour looks like another one in the picture.
 SPARE = tuple(product(np.arange(0.0, 360.0, 12.0), (0.28, 0.42, 0.56, 0.7, 0.82), (0.35, 0.6, 0.9)))
 
-XYZ = np.array(  # of linear sRGB
+#: Matrix from linear sRGB to CIE XYZ.
+XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 
@@ -54,16 +58,16 @@ Motion = Attractor | Label | str
 
 
 def _label(motion: Motion) -> str | Label:
-    """quiet, chaotic or undecided, or (m, n₊, n₋). Raises ParameterError."""
+    """Return the type of a motion: "quiet", "chaotic", "undecided" or (m, n₊, n₋). Raises ParameterError."""
     if isinstance(motion, Attractor):
         motion = (motion.m, motion.n_plus, motion.n_minus) if motion.kind == "periodic" else motion.kind
     if isinstance(motion, str):
         known = ", ".join(kind for kind in KINDS if kind in KIND_COLOURS)
-        require(motion in KIND_COLOURS, f"a motion is one of {known} or (m, n_plus, n_minus), got {motion!r}")
+        require(motion in KIND_COLOURS, f"motion must be one of {known} or (m, n_plus, n_minus), got {motion!r}")
         return motion
     require(
         isinstance(motion, tuple) and len(motion) == 3,
-        f"a motion is an Attractor, a kind or (m, n_plus, n_minus), got {motion!r}",
+        f"motion must be an Attractor, a kind or (m, n_plus, n_minus), got {motion!r}",
     )
     m, n_plus, n_minus = motion
     return (
@@ -81,7 +85,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     motion : Attractor, (m, n_plus, n_minus) or str
         The motion.
     contacts : int, optional
-        Its contact phases; by default those of an attractor.
+        The number c of its contact phases; by default that of the attractor.
 
     Returns
     -------
@@ -91,7 +95,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     Raises
     ------
     ParameterError
-        It is no motion.
+        If `motion` is no motion.
     """
     label = _label(motion)
     if isinstance(label, str):
@@ -107,19 +111,22 @@ def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
 
 
 def colour(motion: Motion) -> str:
-    """Return the colour of a type of motion: an `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+    """Return the colour of a type of motion, which depends on the type alone.
 
-    It depends on the type alone.
+    Parameters
+    ----------
+    motion : Attractor, (m, n_plus, n_minus) or str
+        The motion, or its kind "quiet", "chaotic" or "undecided".
 
     Returns
     -------
     str
-        #rrggbb.
+        The colour as "#rrggbb".
 
     Raises
     ------
     ParameterError
-        If an argument is outside its domain.
+        If `motion` is no motion.
     """
     label = _label(motion)
     if isinstance(label, str):
@@ -128,12 +135,12 @@ def colour(motion: Motion) -> str:
 
 
 class Palette:
-    """Colours of the motions of one picture.
+    """The colours of the motions in one picture.
 
-    Each has its own, unless that looks like the one of a motion that came before it, or of quiet, chaotic or undecided;
-    then it has the spare one that is farthest from all of them.
+    A type has its colour from `colour`, unless this looks like a colour that the picture already has, or like that of
+    quiet, chaotic or undecided motion. Then it has the spare colour that differs most from all of them.
 
-    alike: distance in CIELAB below which two are not told apart; types with a colour of their own keep it all the same.
+    alike: distance in CIELAB below which two colours look alike; for the types of NAMED this is always ALIKE.
     """
 
     def __init__(self, alike: float = ALIKE) -> None:
@@ -143,7 +150,7 @@ class Palette:
         self._times: Counter[str | Label] = Counter()
 
     def colour(self, motion: Motion) -> str:
-        """Return the colour (#rrggbb) of a type of motion here. Raises ParameterError."""
+        """Return the colour "#rrggbb" of a type of motion in this picture. Raises ParameterError."""
         label = _label(motion)
         if label not in self._taken:
             own = colour(motion)
@@ -154,14 +161,14 @@ class Palette:
         return self._taken[label]
 
     def another(self, motion: Motion) -> str:
-        """Return the colour of one more motion of a type, of which there are several here.
+        """Return the colour of one more motion of a type, for a picture with several motions of one type.
 
-        The first has that of the type, each other one a spare one.
+        The first motion has the colour of the type, each further one a spare colour.
 
         Returns
         -------
         str
-            #rrggbb.
+            The colour as "#rrggbb".
 
         Raises
         ------
@@ -175,7 +182,7 @@ class Palette:
         return self._taken.setdefault((label, self._times[label]), self._farthest())
 
     def _farthest(self) -> str:
-        """Return the spare colour that is farthest from all that are taken."""
+        """Return the spare colour that differs most from all colours in the picture."""
         taken = np.array([_lab(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
         return _spare()[int(np.argmax(away))][0]
@@ -183,12 +190,13 @@ class Palette:
 
 @cache
 def _spare() -> tuple[tuple[str, NDArray[np.float64]], ...]:
+    """Return all spare colours, as "#rrggbb" and in CIELAB."""
     found = (_hex(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
     return tuple((each, _lab(each)) for each in found)
 
 
 def _lab(shade: str) -> NDArray[np.float64]:
-    """CIELAB coordinates (3,) of an sRGB colour: equal distances look about equally large (CIE 1976, white D65)."""
+    """Return the CIELAB coordinates (3,) of an sRGB colour; equal distances look about equal (CIE 1976, D65)."""
     rgb = np.array([int(shade[i : i + 2], 16) / 255 for i in (1, 3, 5)])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     xyz = XYZ @ linear / XYZ.sum(axis=1)
@@ -197,6 +205,7 @@ def _lab(shade: str) -> NDArray[np.float64]:
 
 
 def _by_rule(label: Label) -> str:
+    """Return the colour of a type that is not in NAMED, with its hue and lightness from m, n₊ and n₋."""
     hue = _turned(label, HUE_STEPS) * sum(high - low for low, high in HUES)
     for low, high in HUES:
         if hue < high - low:
@@ -207,9 +216,11 @@ def _by_rule(label: Label) -> str:
 
 
 def _hex(hue: float, lightness: float, saturation: float) -> str:
+    """Return a colour as "#rrggbb"; the hue is in degrees."""
     rgb = colorsys.hls_to_rgb(hue / 360, lightness, saturation)
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
 
 
 def _turned(label: Label, steps: tuple[float, ...]) -> float:
+    """Return the fractional part of the sum of m, n₊ and n₋ times these steps."""
     return sum(n * step for n, step in zip(label, steps, strict=True)) % 1.0

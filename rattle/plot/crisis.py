@@ -1,4 +1,4 @@
-"""The crisis: its curve among the bifurcation curves, its way into COD22, and both manifolds of A at a contact."""
+"""Draw the boundary crisis: its curve, the end of the curve at COD22, and the manifolds of A at a contact."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,19 +13,21 @@ from rattle.plot.labels import Array, Labels
 from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
 
 CRISIS, STABLE = "#e08214", "#1f5fa8"
+#: Lengths of the drawn parts of the unstable and the stable manifold.
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
-SHOWN = 0.25  # around W^u(A), of its extent
+#: Margin around W^u(A), as a share of its extent.
+SHOWN = 0.25
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
-    """Draw the crisis curve, its way into COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
+    """Draw the crisis curve, its end at COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
 
-    Raises as `rattle.crisis.crisis_curve`.
+    The errors are those of `rattle.crisis.crisis_curve`.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on both ends of the curve.
     """
     curve = crisis_curve(beta=beta, resolution=resolution)
     figure = new_figure(10.0, 9.0)
@@ -43,6 +45,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
 
 
 def _plane(axes: Axes, curve: CrisisCurve) -> None:
+    """Draw the crisis curve with the paper's bifurcation curves in the (δ, ε) plane."""
     window = float(curve.delta.min()) - 0.02, float(curve.delta.max()) + 0.02
     limits = 0.55 * float(curve.epsilon.min()), 1.15 * float(curve.epsilon.max())
     lines: dict[str, Array] = {}
@@ -68,7 +71,7 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
-    """ε − SN1 against the distance from COD22."""
+    """Draw ε − SN1 along the crisis curve against its distance from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
     offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)
     near = gap < 2e-3 * end.epsilon
@@ -78,7 +81,7 @@ def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _contact(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], list[Array]]:
-    """Draw both manifolds of A about W^u(A); returns A and the lines."""
+    """Draw the stable and the unstable manifold of A, in axes that frame W^u(A). Return A and the lines."""
     saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
     unstable = manifold(saddle, "unstable", 1, UNSTABLE_LENGTH)
     lines = []

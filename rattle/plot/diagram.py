@@ -1,4 +1,4 @@
-"""Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
+"""Draw bifurcation diagrams: impact speed and phase against the parameter, as in the paper's Figures 5 and 9."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -32,13 +32,18 @@ FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
 MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
-NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}  # width and colour of branches
+#: Line width and colour of the branches of A to D, and of other branches by their stability.
+NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}
 Limits = tuple[float, float] | None
-NAMED_LEFT_OUT = 4  # branches that a note names
-MARGIN, LEAST_MARGIN = 0.1, 0.01  # of speeds above and below a branch, of their range and at least
-SIZE, ANCHORS = 10, 40  # of labels, in points; points of a curve that its name may stand at
+#: Most branches that a note names.
+NAMED_LEFT_OUT = 4
+#: Margin of v above and below a branch: as a share of its range, and the least one.
+MARGIN, LEAST_MARGIN = 0.1, 0.01
+#: Size of labels in points, and the number of points of a curve at which its name may be.
+SIZE, ANCHORS = 10, 40
+#: Steps of the sweeps for the impacting and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
-#: Steps, and the limits of v and τ, of the paper's figures.
+#: Steps, and limits of v and τ, of the paper's figures.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
     (*ranges.FIGURE_5, ranges.BETA): (1000, (3.7, 4.9), (0.4, 1.0)),
     (*ranges.FIGURE_9, ranges.BETA): (500, (4.74, 4.94), (0.69, 0.77)),
@@ -46,9 +51,10 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 
 
 class ImpactCurve(NamedTuple):
-    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between.
+    """One impact on Σ⁺ along a branch.
 
-    For the part that follows each of them it says: stable, admissible, name of the period-one orbit.
+    x, v, tau: parameter, speed and phase at the points of the branch and at the events between them.
+    stable, admissible, name: of the piece from each point to the next; name: A to D, or "".
     """
 
     x: Array
@@ -60,9 +66,15 @@ class ImpactCurve(NamedTuple):
 
 
 def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
-    """Draw (a) v and (b) τ against the parameter, limits of the panels given or found.
+    """Draw a bifurcation diagram: (a) v and (b) τ against the parameter.
 
-    Stable branches are solid, unstable ones dashed, virtual parts not drawn; saddle-nodes, flips and grazes are marked.
+    Stable branches are solid, unstable branches are dashed, virtual parts are not drawn. Saddle-nodes, flips and grazes
+    have marks.
+
+    Parameters
+    ----------
+    v, tau : Limits
+        Limits (low, high) of the panels; None: all points are within them.
 
     Returns
     -------
@@ -74,7 +86,7 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
 
 
 def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
-    """Return the figure; aside: room beyond both ends of the parameter, of its range."""
+    """Return the figure of a diagram; aside: margin of the parameter axis, as a share of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
@@ -103,12 +115,12 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
 
 
 def branch_figure(branch: Any) -> Figure:
-    """Return the figure of one branch alone, as that of a diagram along its span without attractors."""
+    """Return the figure of one branch: a diagram along its parameters, without attractors. Raises ParameterError."""
     require(isinstance(branch, FollowedBranch), f"branch must be a Branch, got {type(branch).__name__}")
     found: Any = branch
     at = found.parameters
     way = at[np.argmax(np.abs(at - at[0]).sum(axis=1))] - at[0]
-    require(bool(way.any()), "the branch is a single point: there is no way along it to draw")
+    require(bool(way.any()), "the branch must have two points or more with different parameters to be drawn")
     way = way * np.sign(way[np.argmax(np.abs(way))])
     first, last = np.argmin(at @ way), np.argmax(at @ way)
     ends = [first, last]
@@ -133,12 +145,12 @@ def branch_figure(branch: Any) -> Figure:
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Draw Figures 5 and 9: the diagram along ε at one damping, at the paper's parameters in the paper's window.
+    """Draw Figure 5 or 9: the diagram along ε at one damping. With the paper's parameters it has the paper's limits.
 
     Returns
     -------
     Drawing
-        The figure, and notes on what it lacks or has otherwise than asked.
+        The figure, and notes on parts that are left out or differ from the request.
 
     Raises
     ------
@@ -151,29 +163,30 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
 
 
 def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """Return the same of the stiff gear, in the same windows. Raises ParameterError."""
+    """Draw the diagram of the stiff gear along ε, with the limits of `along_epsilon`. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _notes(found))
 
 
 def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
+    """Return a note that names the branches that the diagram leaves out, if any."""
     if not found.left_out:
         return ()
     some, more = found.left_out[:NAMED_LEFT_OUT], len(found.left_out) - NAMED_LEFT_OUT
     names = ", ".join(map(name_of_type, some)) + (f" and {more} more" if more > 0 else "")
-    return (f"{len(found.left_out)} branches left out, as too long or too many: {names}",)
+    return (f"{len(found.left_out)} branches left out, which are too long or too many: {names}",)
 
 
 def _fixed(diagram: Diagram[Any, Any]) -> str:
-    """Return the parameters that do not change along a diagram."""
+    """Return the parameters that do not change along a diagram, as text."""
     added = {ADDED[name].symbol: values for name, values in diagram.added.items()}
     names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), **added}
     return ", ".join(f"{name} = {values[0]:g}" for name, values in names.items() if values[0] == values[-1])
 
 
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
-    """Label of the axis, and scale and offset that take a position to it."""
+    """Return the label of the parameter axis, and scale and offset: x = offset + scale · position."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
     rest, changing = f"β = {diagram.beta:g}", []
     for name, values in diagram.added.items():
@@ -194,14 +207,14 @@ def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
 
 
 def impacts_at(event: Any) -> tuple[Array, Array]:
-    """Phases and speeds (n,) of the impacts on Σ⁺ at an event."""
+    """Return the phases and speeds (n,) of the impacts on Σ⁺ at an event."""
     orbit = event.orbit
     upper = np.array(orbit.walls) > 0
     return orbit.departures[upper] % 1.0, orbit.speeds[upper]
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Yield every impact of a branch on Σ⁺, with the events put in between its points."""
+    """Yield a curve for each impact of a branch on Σ⁺, with the events inserted between its points."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -221,7 +234,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """Yield the parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
+    """Yield the admissible parts of a curve: whether stable, and the slice of points. Parts end where τ passes 1."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0
@@ -236,14 +249,14 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
 
 
 def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
-    """Each part in one stroke."""
+    """Draw each admissible part of a curve as one line."""
     for stable, part in strokes(curve):
         width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
 def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """Draw the points of the sweeps, the backward ones smaller on top of the forward ones."""
+    """Draw the points of the sweeps; those of the backward sweep are smaller and above the others."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -253,6 +266,7 @@ def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -
 
 
 def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float) -> None:
+    """Mark the events; those on a named curve have larger marks and the curve's name."""
     for event in diagram.events:
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
@@ -267,7 +281,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
 
 
 def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
-    """Name A to D beside their curves; in one word where they are one curve, as A and C in v are in the limit."""
+    """Write the names A to D beside their curves; one: A and C share a curve, and get one name "A, C"."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -285,26 +299,26 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve
 
 
 def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Return flags of points inside the panel."""
+    """Return flags of points inside the limits of the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
 def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """Return the drawn lines (k, 2) of a curve inside the panel, NaN between pieces."""
+    """Return the drawn parts of a curve inside the panel as lines (k, 2), with NaN between the pieces."""
     on = _seen(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
 
 def _fitting(diagram: Diagram[Any, Any]) -> tuple[float, float]:
-    """Limits of v that hold everything."""
+    """Return limits of v from 0 to above all speeds of a diagram."""
     speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
     top = max((float(each.max()) for each in speeds if each.size), default=1.0)
     return 0.0, 1.05 * top
 
 
 def _legend(figure: Figure, followed: bool) -> None:
-    """Say what lines, marks and, where attractors were followed, points mean."""
+    """Add the legend of lines and marks, and of the points of sweeps if attractors were followed."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [
         Line2D([], [], color=colour, lw=width, label="A to D, stable"),

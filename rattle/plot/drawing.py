@@ -1,4 +1,4 @@
-"""Draw pictures: a figure with its own canvas, notes on missing parts, and how it is written."""
+"""Helpers of all pictures: figures with a canvas of their own, outlines, and files."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -8,14 +8,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+#: Resolution of a new figure.
 DPI = 150
-#: White around a line or text, so that it can be told from what it covers.
+#: A white outline around a line or text, which separates it from what is below it.
 HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 FORMATS = ("pdf", "svg", "png")
 
 
 class Drawing(NamedTuple):
-    """A figure, and what it lacks or has otherwise than asked, a sentence each."""
+    """A figure, and notes on parts that are left out or differ from the request, a sentence each."""
 
     figure: Figure
     notes: tuple[str, ...] = ()
@@ -29,7 +30,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def lay_out(figure: Figure) -> FigureCanvasAgg:
-    """Place the axes as they will be drawn: where a label is clear of a line depends on their shape."""
+    """Lay out the axes, on whose shape free places for labels depend, and return the canvas."""
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     layout = figure.get_layout_engine()
@@ -39,20 +40,27 @@ def lay_out(figure: Figure) -> FigureCanvasAgg:
 
 
 def outlined(line: Line2D, colour: str, width: float) -> Line2D:
-    """Give a line an edge of another colour, so much wider in points on each side."""
+    """Give a line an edge of another colour; width: that of the edge on each side, in points. Return the line."""
     line.set_path_effects([patheffects.withStroke(linewidth=line.get_linewidth() + 2 * width, foreground=colour)])
     return line
 
 
 def save(figure: Figure, path: str | Path, dpi: int = 300) -> None:
-    """Write a figure; the suffix is the format. Text in a PDF is text (TrueType), and the same figure is the same file.
+    """Write a figure to a file, whose suffix is the format.
 
-    Raises OSError, and ValueError on a format that matplotlib does not know.
+    Text in a PDF remains text (TrueType fonts). Files have no dates, so that the same figure gives the same file.
 
     Parameters
     ----------
     dpi : int
-        Of a PNG.
+        Resolution of a PNG.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    ValueError
+        If matplotlib does not know the format.
     """
     dates = {".pdf": "CreationDate", ".svg": "Date"}
     suffix = Path(path).suffix.lower()

@@ -1,4 +1,4 @@
-"""Labels that keep clear of the lines of a picture, and of each other."""
+"""Place labels in a picture so that they do not cover lines or each other."""
 
 from collections.abc import Sequence
 
@@ -13,23 +13,32 @@ from rattle.plot.drawing import HALO, lay_out
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 
-DISTANCES = (20, 30, 42, 56, 72, 90)  # of a label from its point, in points
+#: Distances of a label from its point that are tried, in points, and the directions.
+DISTANCES = (20, 30, 42, 56, 72, 90)
 DIRECTIONS = np.arange(24) / 24 * 2 * np.pi
-ROOM = 3.0  # around a label, in pixels
-ANCHORS = 24  # points of a line that a label may be tied to
-CANDIDATES = 400  # cells that a label within a part may be centred on
-CLEAR = 45.0  # from other lines, in pixels: then it is plain which one a label along a line names
-WRONG, OUTSIDE = 1000.0, 1e5  # cost of covering a label, of leaving the frame
+#: Free space around a label, in pixels.
+ROOM = 3.0
+#: Number of points of a line that a label may be tied to.
+ANCHORS = 24
+#: Number of cells that are tried as the centre of a label within a part.
+CANDIDATES = 400
+#: Distance in pixels from other lines at which a label along a line is unambiguous.
+CLEAR = 45.0
+#: Cost of covering another label, and of leaving the frame.
+WRONG, OUTSIDE = 1000.0, 1e5
 
 
 class Labels:
-    """Labels of one picture, each put where it covers least.
+    """The labels of one picture; each is placed where it covers least.
 
-    The layout is made first: where a label is clear of a line depends on the shape of the axes.
+    The axes are laid out first, because free places depend on their shape.
     """
 
     def __init__(self, axes: Axes, lines: Sequence[Array]) -> None:
-        """Keep clear of lines (k, 2) in data coordinates, NaN between pieces, and of the texts that are there."""
+        """Keep labels clear of these lines and of the texts in the axes.
+
+        lines: (k, 2) in data coordinates, with NaN between their pieces.
+        """
         figure = axes.get_figure(root=True)
         assert figure is not None
         self.axes, self.renderer = axes, lay_out(figure).get_renderer()
@@ -47,7 +56,7 @@ class Labels:
         room: float = ROOM,
         edged: bool = False,
     ) -> Annotation:
-        """Write a name next to one of these points, with a line to it; edged: the line has a white edge as the name."""
+        """Write a name next to the best one of these points, with a line to it; edged: the line has a white edge."""
         text = self.axes.annotate(
             name,
             points[0],
@@ -88,7 +97,7 @@ class Labels:
         return text
 
     def along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
-        """Write a name along a line (k, 2) in data coordinates, beside it; next to it if there is no room for that."""
+        """Write a name beside and along a line (k, 2) in data coordinates; if there is no room, use `add`."""
         text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
         text.set(ha="center", va="center", rotation_mode="anchor")
         half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
@@ -112,15 +121,17 @@ class Labels:
         return text
 
     def within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
-        """Write a name where a part of the axes is widest, smaller if need be; return whether there is room for it.
+        """Write a name where a part of the axes is widest, in smaller type if necessary.
 
-        Inside (rows, columns) says which cells of an even grid over the axes, from their lower left, belong to the
-        part.
+        Parameters
+        ----------
+        inside : NDArray[np.bool_]
+            Flags (rows, columns) of the cells of the part, on an even grid over the axes from their lower left corner.
 
         Returns
         -------
         bool
-            False if nothing was written.
+            False if there is no room; then nothing is written.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
         cells, room = self._rooms(inside)
@@ -138,7 +149,7 @@ class Labels:
         return False
 
     def widest(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """Return the centre of the cell that is farthest from lines, labels and the frame.
+        """Return the centre of the cell of a part that is farthest from lines, labels and the frame.
 
         Returns
         -------
@@ -151,7 +162,7 @@ class Labels:
         return (float(x), float(y)), float(room[best])
 
     def _rooms(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Centres of the cells (n, 2) in pixels, and how far they are from what is drawn, written, and the frame."""
+        """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and frame."""
         rows, columns = inside.shape
         i, j = np.nonzero(inside)
         share = np.column_stack([(j + 0.5) / columns, (i + 0.5) / rows])
@@ -164,14 +175,16 @@ class Labels:
         return cells, room
 
     def _move(self, text: Text, centre: Array) -> None:
+        """Put a text at a centre in pixels."""
         x, y = self.axes.transData.inverted().transform(centre)
         text.set_position((float(x), float(y)))
 
     def _hidden(self, centre: Array, half: Array) -> int:
+        """Return the number of points of lines that a label would cover; half: half of its width and height."""
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
-        """Return the cost of a place; one that costs more than `most` is not examined to the end."""
+        """Return the cost of a label at `centre` for a point at `origin`, or a part of it that is `most` or more."""
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
@@ -184,26 +197,28 @@ class Labels:
         return cost + WRONG * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
     def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
+        """Return the cost of a label along a line that bends by `bend` there; others: points of other lines."""
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         hidden = np.all(np.abs((self.covered - centre) @ turn) < half, axis=1).sum()
         near = float(_distances(centre[None], others)[0]) if len(others) else CLEAR
         cost = WRONG * (hidden > 0) + 4 * max(0.0, CLEAR - near) + 10 * bend + 20 * abs(np.sin(angle))
-        # of equal places, the one nearest the middle of the picture
+        # among equal places, the one nearest to the middle of the picture is best
         middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
         return float(cost + 30 * middle) + self._misplaced(_turned_box(centre, half, angle))
 
     def _misplaced(self, box: Bbox) -> float:
+        """Return the cost of covering other labels and of leaving the frame."""
         outside = not (self.frame.contains(*box.min) and self.frame.contains(*box.max))
         return WRONG * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE * outside
 
 
 def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
-    """Return the fits of a label of this half height along a stretch of a line (n, 2): centre, angle, bend."""
+    """Return both places (centre, angle, bend) of a label of half height `height` beside a part of a line."""
     if np.isnan(stretch).any():
         return []
     chord = stretch[-1] - stretch[0]
     angle = float(np.arctan2(chord[1], chord[0]))
-    angle = (angle + np.pi / 2) % np.pi - np.pi / 2  # never upside down
+    angle = (angle + np.pi / 2) % np.pi - np.pi / 2  # so that the label is not upside down
     normal = np.array([-np.sin(angle), np.cos(angle)])
     off = (stretch - stretch[0]) @ normal
     bend = float(np.ptp(off))
@@ -215,8 +230,14 @@ def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
 
 
 def _distances(points: Array, others: Array) -> Array:
-    """Return the distance of each point (n, 2) to the nearest other one; those may be NaN (between pieces) or none."""
-    from scipy.spatial import cKDTree  # a tenth of a second to load
+    """Return the distance of each point (n, 2) to the nearest of `others`, whose rows of NaN are ignored.
+
+    Returns
+    -------
+    Array
+        Distances (n,); inf for a point that is NaN, and if `others` is empty.
+    """
+    from scipy.spatial import cKDTree  # imported here, because it takes a tenth of a second
 
     others = others[~np.isnan(others).any(axis=1)]
     if not len(others):
@@ -228,17 +249,18 @@ def _distances(points: Array, others: Array) -> Array:
 
 
 def _box(centre: Array, half: Array) -> Bbox:
+    """Return a box from its centre and half of its width and height."""
     return Bbox([centre - half, centre + half])
 
 
 def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
-    """Return the box that encloses a turned box."""
+    """Return the upright box that encloses a box turned by an angle."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
     return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 
 
 def _dense(line: Array) -> Array:
-    """Points of a line in pixels, at most some pixels apart."""
+    """Return points of a line in pixels that are at most four pixels apart."""
     steps = np.nan_to_num(np.hypot(*np.diff(line, axis=0).T))
     number = np.arange(len(line))
     along = np.concatenate([[0.0], np.cumsum(np.minimum(steps, 1e4) / 4 + 1e-9)])
@@ -253,5 +275,5 @@ def _cross(one: Array, other: Array) -> bool:
 
 
 def _side(a: Array, b: Array, c: Array) -> float:
-    """Return on which side of the line from a to b the point c is."""
+    """Return a positive number if c is to the left of the line from a to b, negative if it is to the right."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

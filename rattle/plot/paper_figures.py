@@ -1,7 +1,7 @@
-"""The registry of the paper's figures, and what δ, ε and β mean for each of them. To add one, add an entry to FIGURES.
+"""The registry FIGURES of the paper's figures, and the checks of their parameters.
 
-A figure takes δ and ε each as one number, as some numbers, or as a range (low, high); β is always one number. As text,
-numbers are given one by one, and a range is LOW:HIGH.
+A figure takes each of δ and ε as one number, as several numbers, or as a range (low, high); β is always one number. In
+text a range is LOW:HIGH.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,14 +19,14 @@ Given = float | Sequence[float]
 
 
 class Range(NamedTuple):
-    """Range that was written LOW:HIGH: never two numbers."""
+    """A range that was given as LOW:HIGH, so that it cannot be two numbers."""
 
     low: float
     high: float
 
 
 class Takes(Enum):
-    """Kinds of values that a figure takes for δ or ε; the value says how it is written."""
+    """The form in which a figure takes δ or ε; the value is its name in messages."""
 
     NUMBER = "a number"
     NUMBERS = "one number or more"
@@ -35,10 +35,11 @@ class Takes(Enum):
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A figure of the paper: what it shows, what it takes for δ and ε, the paper's values, and how it is drawn.
+    """A figure of the paper.
 
-    draw: called with δ, ε and β, of the kinds that delta_takes and epsilon_takes say: float, tuple of floats, or (low,
-    high). stiff: called with a stiffness besides, for the stiff gear, where there is such a figure.
+    shows: its subject. delta_takes, epsilon_takes: the forms of δ and ε. delta, epsilon: the paper's values.
+    draw: the function that draws it from δ, ε and β; δ and ε are a float, a tuple of floats or (low, high).
+    stiff: the function that draws it for the stiff gear from δ, ε, β and κ, or None.
     """
 
     shows: str
@@ -86,7 +87,7 @@ FIGURES: dict[int, PaperFigure] = {
 
 @dataclass(frozen=True)
 class Request:
-    """A figure with its parameters, checked and ready to be drawn."""
+    """A figure of the paper with checked parameters; added: kappa for the stiff gear, else empty."""
 
     number: int
     delta: Any
@@ -96,12 +97,12 @@ class Request:
 
     @property
     def name(self) -> str:
-        """Name of its file."""
+        """The name of its file without suffix."""
         return f"figure{self.number}"
 
     @property
     def title(self) -> str:
-        """Title, for people who wait for it."""
+        """The title that is shown while the figure is computed."""
         return f"Figure {self.number}, {FIGURES[self.number].shows}"
 
     def draw(self) -> Drawing:
@@ -113,7 +114,7 @@ class Request:
 
 @dataclass(frozen=True)
 class StiffRequest:
-    """The figure of the stiff gear's limit, checked and ready to be drawn."""
+    """The figure of the stiff gear's limit, with checked parameters."""
 
     delta: float
     epsilon: float
@@ -133,7 +134,16 @@ def request(
     beta: float = ranges.BETA,
     **added: float | None,
 ) -> Request:
-    """Return the request for figure `number` with other δ, ε or β than the paper's, or of the stiff gear.
+    """Return the request for a figure of the paper, by its number.
+
+    Parameters
+    ----------
+    delta, epsilon : Given, optional
+        One number, several numbers or a range, as the figure takes them; by default the paper's.
+    beta : float
+        The half-backlash.
+    **added : float, optional
+        `kappa`, to draw the figure for the stiff gear.
 
     Returns
     -------
@@ -143,10 +153,10 @@ def request(
     Raises
     ------
     ParameterError
-        If the figure takes no such numbers, or one is outside its domain.
+        If the figure does not take these numbers, or one is outside its domain.
     """
     known = ", ".join(map(str, sorted(FIGURES)))
-    require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
+    require(number in FIGURES, f"Figure {number} cannot be drawn: choose one of {known}")
     figure = FIGURES[number]
     have = ", ".join(str(each) for each in sorted(FIGURES) if FIGURES[each].stiff is not None)
     given = {name: value for name, value in added.items() if value is not None}
@@ -169,7 +179,7 @@ def request(
 
 
 def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
-    """Return the figure of the stiff gear's limit, of one δ and one ε.
+    """Return the request for the figure of the stiff gear's limit, at one δ and one ε.
 
     Returns
     -------
@@ -189,14 +199,19 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
 
 
 def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> Drawing:
-    """Draw figure `number` of the paper from computed data, at other δ, ε or β than the paper's if they are given.
+    """Draw a figure of the paper from computed data, by its number.
 
-    FIGURES says what δ and ε are for a figure.
+    Parameters
+    ----------
+    delta, epsilon : Given, optional
+        One number, several numbers or a range, as FIGURES says; by default the paper's.
+    beta : float
+        The half-backlash.
 
     Returns
     -------
     Drawing
-        The figure, and notes on what it lacks or has otherwise than asked.
+        The figure, and notes on parts that are left out or differ from the request.
 
     Raises
     ------
@@ -207,7 +222,7 @@ def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, 
 
 
 def parse(option: str, texts: Sequence[str]) -> Given | None:
-    """Return the numbers that the texts of an option are, or the range that a single LOW:HIGH is.
+    """Parse the texts of an option: numbers, or a single range LOW:HIGH.
 
     Returns
     -------
@@ -227,14 +242,14 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
             parts = []
         require(len(parts) in (1, 2), f"{option} must be a number or LOW:HIGH, such as 0.1 or 0.05:0.15, got {text!r}")
         if len(parts) == 2:
-            require(len(texts) == 1, f"{option} takes one LOW:HIGH, or numbers, got {' and '.join(texts)}")
+            require(len(texts) == 1, f"{option} must be numbers or a single LOW:HIGH, got {' and '.join(texts)}")
             return Range(*parts)
         numbers += parts
     return tuple(numbers) or None
 
 
 def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
-    """Return the number, numbers or range that a figure takes."""
+    """Return δ or ε in the form that a figure takes. Raises ParameterError."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))

@@ -1,4 +1,4 @@
-"""The (δ, ε) plane: its bifurcation curves, codimension-two points and regions. Figures 7 and 8 of the paper."""
+"""Draw the (δ, ε) plane with bifurcation curves, codimension-two points and regions: the paper's Figures 7 and 8."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +20,7 @@ from rattle.plot.paper_ranges import BETA, FIGURE_5, FIGURE_8, FIGURE_9
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]
 
-#: A colour for each kind of bifurcation, that of flips and the quiet limit's told apart by deuteranopes too.
+#: Colour and dashes of each curve; deuteranopes can distinguish flips from the quiet limit.
 STYLES = {
     "SN1": ("black", "-"),
     "SN2": ("black", (0, (4, 1.5))),
@@ -32,14 +32,24 @@ STYLES = {
     "quiet_limit": ("#1f9bd6", (0, (1, 1))),
 }
 MARKERS = {"COD20": "o", "COD21": "s", "COD22": "D", "COD23": "^"}
+#: The curves that the paper has.
 IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")
 
+#: Line widths of the paper's curves and of other curves.
 THICK, THIN = 1.5, 0.8
-CELLS = 240  # a side, of the grid on which regions are found
-LEAST = 20  # cells of a part of a region that gets its number
-INSET = 0.42, 0.44  # width and height of an inset with its numbers, of the axes
-NEAREST, BEFORE, BESIDE = 0.15, 9.0, 60  # an inset's curves, from COD23 over its distance from COD21; their points
-FARTHEST = 200.0  # width of a window with an inset over that distance
+#: Cells along each axis of the grid on which regions are determined.
+CELLS = 240
+#: Least number of cells of a part of a region that gets its name.
+LEAST = 20
+#: Width and height of the inset with its numbers, as shares of the axes.
+INSET = 0.42, 0.44
+#: The inset's curves in δ: least and largest distance from COD23, over the distance from COD21 to COD23.
+NEAREST, BEFORE = 0.15, 9.0
+#: Number of points of the inset's curves.
+BESIDE = 60
+#: Largest width of a window with an inset, over the distance from COD21 to COD23.
+FARTHEST = 200.0
+#: Style of the marks of other figures of the paper.
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
 
@@ -50,7 +60,7 @@ def polyline(curve: Curve) -> Array:
 
 
 def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) -> Array:
-    """Draw a bifurcation curve in its style; returns its `polyline`."""
+    """Draw a bifurcation curve in its style, and return its `polyline`."""
     line = polyline(curve)
     draw_line(axes, curve.name, line, STYLES[curve.name], width, halo)
     return line
@@ -59,7 +69,7 @@ def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) 
 def draw_line(
     axes: Axes, name: str, line: Array, style: tuple[str, Any], width: float = 1.4, halo: bool = True
 ) -> None:
-    """Draw a line (k, 2) of this name, NaN between its pieces, in this colour and with these dashes."""
+    """Draw a line (k, 2), with NaN between its pieces; style: colour and dashes; name: its name in a legend."""
     colour, dashes = style
     axes.plot(
         *line.T,
@@ -72,12 +82,12 @@ def draw_line(
 
 
 def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:
-    """Mark and name the codimension-two points that are in the axes, away from these lines and from what is written.
+    """Mark and name the codimension-two points that are in the axes; names keep clear of these lines and of texts.
 
     Returns
     -------
     Labels | None
-        What takes more labels; None if there are no points.
+        The labels of the axes, for further names; None if there are no points.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
@@ -93,21 +103,23 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
 
 
 def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
-    """Return the two-parameter bifurcation diagram of Figures 7 and 8: curves, points and regions in a window.
+    """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
-    The curves that the paper has are thick, the others thin. At the paper's β, dashed lines show the ranges of its
-    Figures 5 and 9, and a rectangle Figure 8. Where COD21 and COD23 are close in the window, an inset shows the curves
-    that touch there by their distance from SN2.
+    Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
+    5 and 9, and a rectangle that of Figure 8. If COD21 and COD23 are close together in the window, an inset shows PD1
+    and G1 by their distance from SN2.
 
     Parameters
     ----------
     delta, epsilon : Range
-        (low, high).
+        The window, (low, high) each.
+    beta : float
+        The half-backlash.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure, and notes on curves that are left out.
 
     Raises
     ------
@@ -152,7 +164,7 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
 
 
 def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
-    """Say below the axes what thick and thin lines are, where there are both."""
+    """Add a legend of thick and thin lines below the axes, if there are both."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [
         Line2D([], [], color="0.2", lw=width, label=text)
@@ -166,7 +178,7 @@ def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
 def _draw_inset(
     axes: Axes, curves: Mapping[str, Curve], lines: Mapping[str, Array], points: Mapping[str, CodimensionTwo]
 ) -> Box | None:
-    """Draw PD1 and G1 by their distance from SN2, before these meet at COD23, into a corner without curves.
+    """Draw an inset in a corner without curves: PD1 and G1 by their distance from SN2, before they meet at COD23.
 
     Returns
     -------
@@ -226,13 +238,13 @@ def _draw_inset(
 
 
 def _filled(box: Box) -> list[Array]:
-    """Lines that cover a box closely enough for labels to keep out of it."""
+    """Return lines that fill a box, so that labels keep out of it."""
     left, right, bottom, top = box
     return [np.array([[left, height], [right, height]]) for height in np.linspace(bottom, top, 24)]
 
 
 def _paper_marks(axes: Axes) -> dict[str, Array]:
-    """Mark the ranges of Figures 5 and 9 and the window of Figure 8, where the axes show them at a visible size."""
+    """Mark the ranges of Figures 5, 8 and 9 that are visible in the axes, and return their lines."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     marks = {}
     for name, (delta, (low, high)) in (("Figure 5", FIGURE_5), ("Figure 9", FIGURE_9)):
@@ -248,9 +260,9 @@ def _paper_marks(axes: Axes) -> dict[str, Array]:
 
 
 def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, covered: Box | None) -> None:
-    """Write a region's name into each part of it that has room for it, and beside the largest if none has.
+    """Write the name of each region into all of its parts with enough room, or beside the largest part if none has.
 
-    covered: where nothing can be written.
+    covered: a box in which no names are written.
     """
     from scipy.ndimage import label
 

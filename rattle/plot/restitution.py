@@ -1,4 +1,4 @@
-"""The paper's plane at several restitutions, and its codimension-two points as curves in (δ, ε, r)."""
+"""Draw the paper's plane at several restitutions r, and codimension-two points as curves in (δ, ε, r)."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from rattle.plot.drawing import HALO, Drawing, new_figure
 from rattle.plot.plane import MARKERS, STYLES, draw_line, polyline
 
 Array = NDArray[np.float64]
+#: The motions that a plane shows, with their colours, in the order of their numbers.
 SHOWN = {
     "quiet alone": KIND_COLOURS["quiet"],
     "P(1,1,0)": NAMED[1, 1, 0],
@@ -33,15 +34,20 @@ SHOWN = {
     "undecided": KIND_COLOURS["undecided"],
 }
 QUIET_ALONE, ONE, BOTH, OTHER, CONTACT, UNDECIDED, CHAOTIC = range(7)
-EXPONENTS = Normalize(0.0, 1.6)  # the largest one of chaos, per forcing period; more is drawn as this
+#: Scale of the largest Lyapunov exponent of chaos, per forcing period; larger values have the colour of the end.
+EXPONENTS = Normalize(0.0, 1.6)
 CHAOS = ListedColormap(colormaps["Reds"](np.linspace(0.35, 1.0, 256)), name="chaos")
-MARKED = (1.0, 0.95, 0.9, 0.8, 0.6, 0.4, 0.2)  # restitutions
+#: Restitutions that are marked on the curves.
+MARKED = (1.0, 0.95, 0.9, 0.8, 0.6, 0.4, 0.2)
 POINT_COLOURS = {"COD20": "#7b3294", "COD21": "#c51b1b", "COD23": "#1f5fa8", "COD22": "black"}
 
 
 @dataclass(frozen=True)
 class RestitutionPlane:
-    """The attractors of the cells epsilon (m,) × delta (n,), row by row, at one restitution; count: samples each."""
+    """The attractors of the cells epsilon (m,) × delta (n,), row by row, at one restitution.
+
+    table: the attractors. count: the number of samples of a cell.
+    """
 
     restitution: float
     beta: float
@@ -56,7 +62,7 @@ class RestitutionPlane:
         return Impacting(self.beta) if self.restitution == 1.0 else Inelastic(self.beta, self.restitution)
 
     def share_of(self, kind: Outcome) -> Array:
-        """Return the share of the samples (m, n) with an attractor of this kind."""
+        """Return the basin fraction (m, n) of all attractors of a kind."""
         found = np.zeros(self.epsilon.size * self.delta.size)
         rows = self.table.kind == kind
         np.add.at(found, self.table.cell[rows], self.table.samples[rows] / self.count)
@@ -64,7 +70,7 @@ class RestitutionPlane:
 
     @property
     def contact_share(self) -> Array:
-        """Share of the samples (m, n) whose motion has contact phases."""
+        """The basin fraction (m, n) of periodic attractors with contact phases."""
         found = np.zeros(self.epsilon.size * self.delta.size)
         rows = (self.table.kind == Outcome.PERIODIC) & (self.table.contacts > 0)
         np.add.at(found, self.table.cell[rows], self.table.samples[rows] / self.count)
@@ -72,7 +78,7 @@ class RestitutionPlane:
 
     @property
     def exponent(self) -> Array:
-        """Largest exponent of chaos (m, n); NaN where none is found."""
+        """The largest Lyapunov exponent of chaotic attractors (m, n), NaN where there are none."""
         found = np.full(self.epsilon.size * self.delta.size, np.nan)
         rows = self.table.kind == Outcome.CHAOTIC
         np.fmax.at(found, self.table.cell[rows], self.table.first[rows])
@@ -80,7 +86,7 @@ class RestitutionPlane:
 
     @property
     def dominant(self) -> NDArray[np.int64]:
-        """Motion that attracts the most samples besides quiet running (m, n), as a number of SHOWN, or CHAOTIC."""
+        """The attractor with the most samples besides quiet running (m, n), as a number in SHOWN, or CHAOTIC."""
         found = np.full(self.epsilon.size * self.delta.size, QUIET_ALONE)
         most = np.zeros(found.size, np.int64)
         for row in range(self.table.kind.size):
@@ -90,6 +96,7 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     def _code(self, row: int) -> int:
+        """Return the number in SHOWN of an attractor that is not quiet, or CHAOTIC."""
         if self.table.kind[row] != Outcome.PERIODIC:
             return CHAOTIC if self.table.kind[row] == Outcome.CHAOTIC else UNDECIDED
         if self.table.contacts[row] > 0:
@@ -100,7 +107,7 @@ class RestitutionPlane:
 def restitution_plane(
     restitution: float, delta: Array, epsilon: Array, beta: float = 0.6, count: int = 64
 ) -> RestitutionPlane:
-    """Return the attractors of each cell, from samples of this many states.
+    """Compute the attractors of all cells of a plane at one restitution.
 
     Parameters
     ----------
@@ -109,7 +116,7 @@ def restitution_plane(
     delta, epsilon : ndarray
         Rising dampings (n,) and eccentricities (m,).
     count : int
-        Initial conditions of a cell.
+        Number of initial conditions of a cell.
 
     Returns
     -------
@@ -119,7 +126,7 @@ def restitution_plane(
     Raises
     ------
     ParameterError
-        A number is outside its domain.
+        If a number is outside its domain.
     """
     empty = RestitutionPlane(restitution, beta, delta, epsilon, AttractorTable.empty(), count)
     table = empty.model.attractors_of(delta, epsilon[:, None], SampleSpec(count=count))
@@ -127,12 +134,12 @@ def restitution_plane(
 
 
 def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
-    """Draw planes in a row: what attracts besides quiet running, chaos by its largest exponent, and the curves.
+    """Draw planes side by side: the main attractor besides quiet running, chaos by its exponent, and the curves.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure.
     """
     figure = new_figure(3.1 * len(planes) + 0.9, 4.0)
     row = figure.subplots(1, len(planes), sharex=True, sharey=True, squeeze=False)[0]
@@ -149,6 +156,7 @@ def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
 
 
 def _draw_plane(axes: Axes, plane: RestitutionPlane) -> None:
+    """Draw one plane with its bifurcation curves."""
     inks = ListedColormap(list(SHOWN.values()))
     shown = np.ma.masked_greater(plane.dominant, UNDECIDED)
     axes.pcolormesh(plane.delta, plane.epsilon, shown, cmap=inks, vmin=-0.5, vmax=len(SHOWN) - 0.5, rasterized=True)
@@ -166,21 +174,22 @@ def _draw_plane(axes: Axes, plane: RestitutionPlane) -> None:
 
 
 def _edges(values: Array) -> tuple[float, float]:
+    """Return the first and the last value."""
     return float(values[0]), float(values[-1])
 
 
 def codimension_two_figure(beta: float = 0.6) -> Drawing:
-    """Draw COD20 to COD23 as curves in (δ, ε, r), from r = 1 down.
+    """Draw COD20 to COD23 as curves in (δ, ε, r), from r = 1 downwards.
 
     Returns
     -------
     Drawing
-        The drawing.
+        The figure.
 
     Raises
     ------
     RattleError
-        The elastic gear has no such points at this half-backlash.
+        If the elastic gear has no such points at this half-backlash.
     """
     figure = new_figure(10.0, 4.6)
     places, wedge = figure.subplots(1, 2)
@@ -196,7 +205,7 @@ def codimension_two_figure(beta: float = 0.6) -> Drawing:
             if name == "COD22":
                 text = places.annotate(f"r = {r:g}", point, (6, 1), textcoords="offset points", fontsize=8)
                 text.set_path_effects(HALO)
-    places.margins(x=0.12)  # room for the restitutions
+    places.margins(x=0.12)  # leaves room for the labels of r
     places.set(xlabel="damping δ", ylabel="eccentricity ε", title=f"half-backlash β = {beta:g}")
     places.legend(fontsize=8, frameon=False)
     last = curves["COD22"]

@@ -1,4 +1,4 @@
-"""The stiff gear and its limit: how motions, curves and the quiet limit converge, and where that is not uniform."""
+"""Draw the convergence of the stiff gear to the impacting model: motions, curves, the quiet limit, and a graze."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,26 +15,38 @@ from rattle.stiff import StiffGear, from_limit, saddle_node_1, stiff_branch
 from rattle.stiff import quiet_limit as stiff_quiet_limit
 
 COLOURS = {"A": "#1f5fa8", "B": "#e08214", "C": "#4d9221", "D": "#b2182b"}
-DELTA, EPSILON = 0.6, 0.075  # where A to D all are
+#: Default point, at which A to D all exist.
+DELTA, EPSILON = 0.6, 0.075
 STIFFNESSES = 10.0 ** np.arange(2.0, 8.5, 0.5)
-SHOWN = (1e4, 1e5, 1e6)  # beside the limit, at a graze
-REACH = 0.003  # in v, either side of Γ
+#: Stiffnesses that are drawn at a graze, beside the impacting model.
+SHOWN = (1e4, 1e5, 1e6)
+#: Range of v on each side of Γ.
+REACH = 0.003
 
 
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
-    """Draw the distance of the stiff gear from the impacting model against κ.
+    """Draw the distances between the stiff gear and the impacting model against the stiffness κ.
 
-    The distance is that of A–D, their multipliers, bifurcations and the quiet limit; also drawn is one return across Γ,
-    where the square root becomes steep but smooth. The impacting model must have A–D at (delta, epsilon). Raises
-    ParameterError, RattleError.
+    The panels: the motions A to D, their multipliers, bifurcations and the quiet limit; and one return for speeds
+    across Γ, where the square root of the impacting model becomes steep but smooth.
 
     Returns
     -------
     Drawing
-        The figure, and notes on what it lacks or has otherwise than asked.
+        The figure.
+
+    Raises
+    ------
+    ParameterError
+        If A to D of the impacting model do not all exist at (delta, epsilon).
+    RattleError
+        If a motion or a curve cannot be followed.
     """
     limits = {orbit.name: orbit for orbit in orbits_at(delta, epsilon, beta)}
-    require(len(limits) == 4, f"A, B, C and D do not all exist at delta = {delta:g}, epsilon = {epsilon:g}")
+    require(
+        len(limits) == 4,
+        f"A to D do not all exist at delta = {delta:g}, epsilon = {epsilon:g}: choose a point of region III or IV",
+    )
     motions = {name: periodic_orbit(delta, epsilon, x.tau, x.v, 1, beta) for name, x in limits.items()}
     figure = new_figure(10.0, 8.0)
     places, multipliers, curves, graze = figure.subplots(2, 2).ravel()
@@ -46,6 +58,7 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
 
 
 def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
+    """Draw the distances of A to D and of their multipliers from those of the impacting model."""
     for name, limit in motions.items():
         kappas, off, change = [], [], []
         for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:
@@ -65,6 +78,7 @@ def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit])
 
 
 def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
+    """Draw the distances of SN1, SN2, PD1 and the quiet limit from those of the impacting model."""
     delta, beta = limit.delta, limit.beta
     span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
     truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
@@ -90,7 +104,7 @@ def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
 
 
 def _slope(axes: Axes, start: float, power: float, label: str) -> None:
-    """Draw a line of this slope through the middle of the curves at the start."""
+    """Draw a reference line κ^power, above all curves at `start`."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]
     ends = np.array([start, 1e8])
@@ -99,6 +113,7 @@ def _slope(axes: Axes, start: float, power: float, label: str) -> None:
 
 
 def _graze(axes: Axes, gear: Gear) -> None:
+    """Draw the speed after one return against the speed before it, across the grazing curve Γ."""
     piece = max(gear.gamma(), key=lambda each: each.tau.size)
     i = piece.tau.size // 2
     tau, middle = float(piece.tau[i]) % 1.0, float(piece.v[i])

@@ -1,4 +1,4 @@
-"""The answers that the gears of a population give to what was asked of it, each with a 95 % interval."""
+"""Answers about a population of gears, with 95 % intervals: quiet probability, yield, intensity, sensitivity."""
 
 from __future__ import annotations
 
@@ -15,9 +15,13 @@ from rattle.numerics.sampling import Z_95, wilson_interval
 from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, Gears
 from rattle.populations.plan import AGAIN, Plan
 
+#: Default quantiles of the intensity.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+#: Default number of worst gears.
 WORST = 10
-FEWEST = 30  # gears from which on a mean is about normal
+#: Least number of gears whose mean is approximately normal.
+FEWEST = 30
+#: Outputs that have Sobol indices.
 OUTPUTS = ("quiet", "energy")
 
 Array = NDArray[np.float64]
@@ -32,10 +36,11 @@ class Estimate(NamedTuple):
 
 
 class Index(NamedTuple):
-    """The share of the variance of an output that one number makes: alone, and with all others that vary with it.
+    """The Sobol indices of one number: its shares of the variance of an output.
 
-    Source: Sobol, Mathematics and Computers in Simulation 55 (2001) 271–280; of correlated numbers, where first may be
-    above total, Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946.
+    first: the share that the number causes alone. total: the share with all of its interactions with other numbers.
+    Sources: Sobol, Mathematics and Computers in Simulation 55 (2001) 271–280; for correlated numbers, whose first index
+    may exceed the total one, Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946.
     """
 
     first: Estimate
@@ -43,7 +48,10 @@ class Index(NamedTuple):
 
 
 class Worst(NamedTuple):
-    """A gear of the population: its row, its numbers, its share of quiet runs, and the mean energy of all."""
+    """A gear of the population with a large intensity.
+
+    row: its row. numbers: its varying numbers by name. quiet: its share of quiet runs. energy: the mean over its runs.
+    """
 
     row: int
     numbers: dict[str, float]
@@ -53,9 +61,9 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """A population of gears: its plan, its rows, and what follows from them.
+    """A population of gears: its plan, its computed rows, and methods that answer questions about it.
 
-    Energies are Σv²/2 per revolution; of a machine, `power` turns them into watts.
+    Energies are Σv²/2 per revolution. Those of a machine times `power` are watts.
     """
 
     plan: Plan
@@ -68,14 +76,14 @@ class Population:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The numbers that vary."""
+        """The names of the numbers that vary."""
         return self.plan.tolerances.names
 
     @cached_property
     def quiet(self) -> Estimate:
-        """The probability that a gear runs quietly: a gear at random, from a state at random.
+        """The probability that a random gear, started from a random state, runs quietly.
 
-        What is undecided widens the interval, and counts as not quiet in the value.
+        Undecided samples widen the interval, and count as not quiet in the value.
         """
         energy = self.gears.energy
         low = mean_share((energy == 0.0).mean(axis=1))
@@ -83,14 +91,14 @@ class Population:
 
     @property
     def undecided(self) -> float:
-        """The share of samples that no attractor could be told for."""
+        """The share of undecided samples."""
         return float(np.isnan(self.gears.energy).mean())
 
     @cached_property
     def passing(self) -> Estimate | None:
-        """The yield: the share of gears that pass, of those that were asked.
+        """The yield: the share of the judged gears that pass; None if the plan has no requirement.
 
-        Unknown ones widen the interval, and count by halves in the value. None if nothing was asked.
+        Gears whose verdict is unknown widen the interval, and count as one half in the value.
         """
         verdict = self.gears.verdict
         asked = int((verdict != NOT_ASKED).sum())
@@ -102,37 +110,41 @@ class Population:
 
     @property
     def power(self) -> Array | float:
-        """Watts of a unit of energy in each gear of the population (n,); without a machine 1."""
+        """The watts per unit of energy of each gear of the population (n,); 1 without a machine."""
         units = self.plan.tolerances.points(self.gears.values).units
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
 
     def intensity(self, quantiles: Sequence[float] = QUANTILES) -> dict[float, Estimate]:
-        """Return quantiles of the energy per revolution, or the power in watts of a machine.
+        """Return quantiles of the energy per revolution, or of the power in watts of a machine.
 
-        They are those of a gear at random from a state at random; an end of an interval that the population does not
-        reach is infinite.
+        The distribution is that of a random gear started from a random state.
+
+        Parameters
+        ----------
+        quantiles : Sequence[float]
+            Numbers between 0 and 1.
 
         Returns
         -------
         dict[float, Estimate]
-            By quantile, each with its 95 % interval.
+            The quantiles with 95 % intervals; an end of an interval is infinite if the population has too few gears.
 
         Raises
         ------
         ParameterError
-            If an argument is outside its domain.
+            If a quantile is not between 0 and 1.
         RattleError
-            Where all is undecided.
+            If all samples are undecided.
         """
         require(all(0.0 < q < 1.0 for q in quantiles), "quantiles must be between 0 and 1")
         power = np.asarray(self.power)
         energy = self.gears.energy * (power[:, None] if power.ndim else power)
         if np.isnan(energy).all():
-            raise RattleError("nothing is known of any gear: allow more impacts (budget)")
+            raise RattleError("all samples of all gears are undecided: allow more impacts (budget)")
         return {q: quantile(energy, q) for q in quantiles}
 
     def worst(self, most: int = WORST) -> tuple[Worst, ...]:
-        """Return the gears whose mean energy, or power, is largest."""
+        """Return the gears with the largest mean energy, or mean power in watts; most: their number."""
         gears = self.gears
         quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.power
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]
@@ -143,50 +155,53 @@ class Population:
     def indices(self, of: str = "quiet") -> dict[str, Index]:
         """Return the Sobol indices, first and total, of each number that varies.
 
-        The output is a gear's share of quiet runs, or its mean "energy".
+        Parameters
+        ----------
+        of : str
+            The output: "quiet", a gear's share of quiet runs, or "energy", its mean energy.
 
         Returns
         -------
         dict[str, Index]
-            By name of the number.
+            The indices by the name of the number.
 
         Raises
         ------
         ParameterError
-            If an argument is outside its domain.
+            If `of` is neither of both.
         RattleError
-            Where nothing varies, or no gears share numbers.
+            If the output does not vary between gears, or the population has no pairs.
         """
         require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:
             whole = Estimate(1.0, 1.0, 1.0)
             return {self.names[0]: Index(whole, whole)}
         if not self.plan.sharing:
-            raise RattleError("no gears share numbers: ask for pairs")
+            raise RattleError("Sobol indices need gears that share numbers: give `pairs` above 0")
         energy = self.rows.energy
         output = (energy == 0.0).mean(axis=1) if of == "quiet" else means(energy)
         parts = {part: output[self.plan.rows_of(part)] for part in range(AGAIN, int(self.rows.part.max()) + 1)}
         base = output[: self.plan.sharing]
         return {
             name: Index(
-                ratio(base, parts[self.plan.keeping(i)], parts[AGAIN]),
-                one_less(ratio(base, parts[self.plan.but(i)], parts[AGAIN])),
+                ratio(base, parts[self.plan.part_keeping(i)], parts[AGAIN]),
+                one_less(ratio(base, parts[self.plan.part_redrawing(i)], parts[AGAIN])),
             )
             for i, name in enumerate(self.names)
         }
 
 
 def means(energy: Array) -> Array:
-    """Return the mean over what is known of each row, NaN where nothing is."""
+    """Return the mean of each row over its values that are not NaN; NaN if all are."""
     known = (~np.isnan(energy)).sum(axis=1)
     return np.divide(np.nansum(energy, axis=1), known, out=np.full(len(energy), np.nan), where=known > 0)
 
 
 def mean_share(shares: Array) -> Estimate:
-    """Return the mean of shares of independent gears (n,).
+    """Return the mean of the shares of independent gears (n,).
 
-    Its interval is Wilson's for as many independent samples as have the variance that the gears show; gears that are
-    all alike count as one sample each.
+    The interval is Wilson's, for the number of independent samples that would have the variance of these shares. If all
+    shares are equal, each gear counts as one sample.
 
     Returns
     -------
@@ -202,14 +217,14 @@ def mean_share(shares: Array) -> Estimate:
 
 
 def quantile(values: Array, q: float) -> Estimate:
-    """Return the quantile of values (n, count) of independent rows.
+    """Return a quantile of values (n, count), whose rows are independent; NaN is ignored.
 
-    Its interval is where the share below it, with the variance that rows show, can be q. NaN does not count.
+    The interval contains the values of which a share q may be smaller, given the variance between rows.
 
     Returns
     -------
     Estimate
-        In the values' unit, with the 95 % interval.
+        The quantile with its 95 % interval.
     """
     known = np.sort(values[~np.isnan(values)])
     value = float(known[min(int(q * known.size), known.size - 1)])
@@ -225,9 +240,10 @@ def quantile(values: Array, q: float) -> Estimate:
 
 
 def ratio(base: Array, other: Array, again: Array) -> Estimate:
-    """Estimate Cov(base, other)/Cov(base, again) of gears (n,), by the delta method.
+    """Estimate Cov(base, other)/Cov(base, again) over gears (n,), with its interval by the delta method.
 
-    `again` are the same gears with other samples, so that the variation of samples is no part of it.
+    base, again: outputs of the same gears from different samples, so that the variance between samples has no part.
+    other: outputs of gears that share numbers with them.
 
     Returns
     -------
@@ -237,23 +253,21 @@ def ratio(base: Array, other: Array, again: Array) -> Estimate:
     Raises
     ------
     RattleError
-        Where nothing varies.
+        If too few gears are decided, or the gears do not differ significantly.
     """
     known = ~np.isnan(base + other + again)
     if known.sum() < FEWEST:
-        raise RattleError(f"fewer than {FEWEST} gears share numbers and are decided: ask for more pairs")
+        raise RattleError(f"fewer than {FEWEST} of the gears that share numbers are decided: give more pairs")
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    same, shared = x * z, 0.5 * (x + z) * y  # either sample of the same gears
+    same, shared = x * z, 0.5 * (x + z) * y  # the mean over both samples of the same gears
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
-        raise RattleError(
-            "the gears do not differ by more than their samples do: ask for more pairs, or a larger count"
-        )
+        raise RattleError("the gears do not differ by more than their samples do: give more pairs, or a larger count")
     value = float(shared.mean()) / whole
     deviation = float((shared - value * same).std()) * error / whole
     return Estimate(*(float(np.clip(value + step * Z_95 * deviation, 0.0, 1.0)) for step in (0, -1, 1)))
 
 
 def one_less(of: Estimate) -> Estimate:
-    """Return 1 − a share, with its interval."""
+    """Return 1 minus an estimate, with its interval."""
     return Estimate(1.0 - of.value, 1.0 - of.high, 1.0 - of.low)

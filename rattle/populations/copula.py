@@ -1,4 +1,4 @@
-"""Numbers that vary together: a Gaussian copula, with draws that share some of them."""
+"""Correlated random numbers: a Gaussian copula, and draws that share some of their numbers with others."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from rattle.numerics.sampling import uniforms
 from rattle.populations.distributions import LEAST
 from rattle.populations.normal import ndtr, ndtri
 
-SYMMETRIC, POSITIVE = 1e-9, 1e-9  # errors of a matrix that was typed, and the least eigenvalue of one
+#: Largest error of a given matrix in its symmetry and diagonal, and the least eigenvalue of a correlation matrix.
+SYMMETRIC, POSITIVE = 1e-9, 1e-9
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Copula:
-    """Standard normal numbers with a matrix of correlations (d, d).
+    """Standard normal numbers with a correlation matrix (d, d).
 
-    Source: Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946, for the draws that
-    share some.
+    Source of the draws that share numbers: Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012)
+    937–946.
     """
 
     matrix: Array
@@ -33,33 +34,41 @@ class Copula:
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return numbers (n, d) of these rows of a stream: each row depends on its number and nothing else."""
+        """Return the numbers (n, d) of rows of a random stream; a row depends on its number alone."""
         root: Array = self._root  # type: ignore[attr-defined]
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
-        # Sums in one order, whatever the number of rows: products of matrices depend on it in the last bit.
+        # explicit sums, because the last bit of a matrix product may depend on the number of rows
         return np.stack([sum_of(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 
-    def keeping(self, i: int, of: Array, fresh: Array) -> Array:
-        """Return numbers with the i-th of `of`, the others drawn for it anew: from fresh ones, (n, d) as they."""
-        found = fresh + self.matrix[i] * (of[:, i] - fresh[:, i])[:, None]
-        found[:, i] = of[:, i]
+    def with_kept(self, i: int, z: Array, fresh: Array) -> Array:
+        """Return z (n, d) with all columns but the i-th drawn again, given the i-th column.
+
+        fresh: independent draws (n, d), from which the new columns are made.
+
+        Returns
+        -------
+        Array
+            The numbers (n, d).
+        """
+        found = fresh + self.matrix[i] * (z[:, i] - fresh[:, i])[:, None]
+        found[:, i] = z[:, i]
         return found
 
-    def but(self, i: int, of: Array, fresh: Array) -> Array:
-        """Return numbers with all of `of` but the i-th, which is drawn for them anew."""
-        found = of.copy()
-        found[:, i] = fresh[:, i] + self._expected(i, of) - self._expected(i, fresh)
+    def with_redrawn(self, i: int, z: Array, fresh: Array) -> Array:
+        """Return z (n, d) with its i-th column drawn again, given the other columns, from independent draws `fresh`."""
+        found = z.copy()
+        found[:, i] = fresh[:, i] + self._expected(i, z) - self._expected(i, fresh)
         return found
 
-    def _expected(self, i: int, of: Array) -> Array:
-        """Return the mean of the i-th, by the others."""
+    def _expected(self, i: int, z: Array) -> Array:
+        """Return the conditional mean of the i-th column, given the other columns."""
         inverse: Array = self._inverse[i]  # type: ignore[attr-defined]
         others = [j for j in range(len(inverse)) if j != i]
-        return -sum_of(inverse[others], of[:, others]) / inverse[i]
+        return -sum_of(inverse[others], z[:, others]) / inverse[i]
 
 
 def sum_of(weights: Array, columns: Array) -> Array:
-    """Σ weights[j] columns[:, j], in the order of j."""
+    """Return Σ weights[j] columns[:, j], added in the order of j."""
     total = np.zeros(len(columns))
     for weight, column in zip(weights, columns.T, strict=True):
         total = total + weight * column
@@ -67,12 +76,12 @@ def sum_of(weights: Array, columns: Array) -> Array:
 
 
 def shares(z: Array) -> Array:
-    """Shares of all that are below these numbers, as far as draws go."""
+    """Return the quantiles u of standard normal numbers z, limited to LEAST ≤ u ≤ 1 − LEAST."""
     return np.asarray(np.clip(ndtr(z), LEAST, 1.0 - LEAST))
 
 
 def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
-    """Return the matrix (d, d) of numbers with these names, by default of independent ones. Raises ParameterError."""
+    """Return the checked correlation matrix (d, d) of numbers with these names; by default they are independent."""
     if given is None:
         return np.eye(len(names))
     matrix = real_array("correlation", given)
@@ -83,12 +92,12 @@ def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
     )
     require(
         bool(np.isfinite(matrix).all() and (abs(matrix - matrix.T) <= SYMMETRIC).all()),
-        f"a correlation matrix is symmetric: give the same number twice, {order}",
+        f"a correlation matrix must be symmetric and finite, {order}",
     )
     require(
         bool((abs(np.diag(matrix) - 1.0) <= SYMMETRIC).all() and (abs(matrix) <= 1.0 + SYMMETRIC).all()),
-        "a correlation matrix has 1 on its diagonal and numbers from -1 to 1 beside it: for covariances divide each by "
-        "both deviations",
+        "a correlation matrix must have 1 on its diagonal and numbers from -1 to 1 elsewhere: for covariances divide "
+        "each by both deviations",
     )
     matrix = 0.5 * (matrix + matrix.T)
     np.fill_diagonal(matrix, 1.0)
@@ -96,7 +105,7 @@ def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
     if least < POSITIVE:
         fit = (1.0 - POSITIVE) / (1.0 - least)
         raise ParameterError(
-            f"no numbers have these correlations (least eigenvalue {least:.3g}): multiply those beside the diagonal by "
-            f"{0.99 * fit:.2g}, and of numbers that are functions of each other leave all but one out",
+            f"no numbers have these correlations (least eigenvalue {least:.3g}): multiply the entries off the "
+            f"diagonal by {0.99 * fit:.2g}, and leave out numbers that are functions of others",
         )
     return matrix

@@ -1,4 +1,4 @@
-"""Distributions: how a number of a gear varies from one gear to the next."""
+"""Distributions of a number of a gear over a population."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from rattle.errors import ParameterError, did_you_mean, real_array, require, require_finite, require_number
 from rattle.populations.normal import ndtr, ndtri
 
-LEAST = 2.0**-33  # no number is drawn from beyond these quantiles, LEAST and 1 − LEAST: 6.3 standard deviations
-HELD = 1e-6  # of its mass at least, between the ends that a distribution is cut at
+#: Numbers are drawn between the quantiles LEAST and 1 − LEAST, within 6.3 standard deviations.
+LEAST = 2.0**-33
+#: Least probability of a normal distribution between the ends at which it is cut off.
+HELD = 1e-6
 
 Array = NDArray[np.float64]
 
@@ -23,20 +25,20 @@ class Distribution(ABC):
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:
-        """Return the numbers below which these shares of all are, u in (0, 1)."""
+        """Return the quantiles of the distribution at u in (0, 1)."""
 
     @property
     def range(self) -> tuple[float, float]:
-        """The least and the largest number that is drawn."""
+        """The least and the largest number that can be drawn."""
         low, high = self.quantile(np.array([LEAST, 1.0 - LEAST]))
         return float(low), float(high)
 
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """The normal distribution, cut off at low and high where these are given: what an inspection lets pass.
+    """The normal distribution, cut off at low and high if they are given, as by an inspection.
 
-    Raises ParameterError unless deviation > 0 and some of it is between low and high.
+    Raises ParameterError unless deviation > 0 and the distribution has some probability between low and high.
     """
 
     mean: float
@@ -50,7 +52,7 @@ class Normal(Distribution):
         require(
             self.deviation > 0.0,
             f"a normal distribution must have a deviation above 0, got {self.deviation:g}: for a number that does not "
-            f"vary give that, {self.mean:g}",
+            f"vary give the number itself, {self.mean:g}",
         )
         for name in ("low", "high"):
             end = real_array(name, getattr(self, name))
@@ -60,16 +62,16 @@ class Normal(Distribution):
         below, above = self._ends()
         require(
             above - below > HELD,
-            f"next to nothing of a normal distribution with mean {self.mean:g} and deviation {self.deviation:g} is "
-            f"from {self.low:g} to {self.high:g}: move these, or the mean",
+            f"a normal distribution with mean {self.mean:g} and deviation {self.deviation:g} has almost no probability "
+            f"between {self.low:g} and {self.high:g}: change low and high, or the mean",
         )
 
     def _ends(self) -> tuple[float, float]:
-        """Return the shares that are below low and high."""
+        """Return the probabilities below low and below high."""
         return tuple(float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))  # type: ignore[return-value]
 
     def quantile(self, u: Array) -> Array:
-        """Return quantiles of the part between both ends."""
+        """Return the quantiles of the distribution between low and high."""
         below, above = self._ends()
         found = self.mean + self.deviation * ndtri(below + u * (above - below))
         return np.asarray(np.clip(found, self.low, self.high))
@@ -77,7 +79,7 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """A number between low and high, all alike. Raises ParameterError unless low < high."""
+    """The uniform distribution between low and high. Raises ParameterError unless low < high."""
 
     low: float
     high: float
@@ -88,13 +90,13 @@ class Uniform(Distribution):
         _require_spread(self.low, self.high, "a uniform distribution")
 
     def quantile(self, u: Array) -> Array:
-        """Return the numbers below which these shares are."""
+        """Return the quantiles at u in (0, 1)."""
         return self.low + u * (self.high - self.low)
 
 
 @dataclass(frozen=True)
 class Triangular(Distribution):
-    """A density that rises from low to the mode, and falls to high.
+    """The triangular distribution, whose density rises linearly from low to the mode and falls to high.
 
     Raises ParameterError unless low ≤ mode ≤ high and low < high.
     """
@@ -113,7 +115,7 @@ class Triangular(Distribution):
         )
 
     def quantile(self, u: Array) -> Array:
-        """Return the numbers below which these shares are."""
+        """Return the quantiles at u in (0, 1)."""
         width, left, right = self.high - self.low, self.mode - self.low, self.high - self.mode
         rising = self.low + np.sqrt(u * width * left)
         return np.where(u * width < left, rising, self.high - np.sqrt((1.0 - u) * width * right))
@@ -121,9 +123,9 @@ class Triangular(Distribution):
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
-    """A number whose natural logarithm is normal, with this deviation (0.1: about 10 %), about a median above 0.
+    """The log-normal distribution: the natural logarithm of the number is normal.
 
-    Raises ParameterError.
+    median: above 0. deviation: the standard deviation of the logarithm; 0.1 is about 10 %. Raises ParameterError.
     """
 
     median: float
@@ -135,13 +137,13 @@ class LogNormal(Distribution):
             object.__setattr__(self, name, require_number(name, getattr(self, name), positive=True))
 
     def quantile(self, u: Array) -> Array:
-        """Return the numbers below which these shares are."""
+        """Return the quantiles at u in (0, 1)."""
         return np.asarray(self.median * np.exp(self.deviation * ndtri(u)))
 
 
 @dataclass(frozen=True)
 class Measured(Distribution):
-    """Measured values of some gears: each is as frequent, and ranks between two are interpolated.
+    """The distribution of measured values, which are equally probable; quantiles between them are interpolated.
 
     Raises ParameterError unless there are two different numbers.
     """
@@ -151,18 +153,18 @@ class Measured(Distribution):
     def __post_init__(self) -> None:
         """Check and convert the fields."""
         values = np.sort(real_array("values", self.values))
-        require(values.ndim == 1 and values.size >= 2, "measured values must be a list of two numbers at least")
+        require(values.ndim == 1 and values.size >= 2, "measured values must be a list of at least two numbers")
         require(bool(np.isfinite(values).all()), "measured values must be finite")
-        _require_spread(float(values[0]), float(values[-1]), "what was measured")
+        _require_spread(float(values[0]), float(values[-1]), "the list of measured values")
         object.__setattr__(self, "values", tuple(values.tolist()))
 
     def quantile(self, u: Array) -> Array:
-        """Between the numbers, of which the i-th of n is at (i + ½)/n."""
+        """Return quantiles, interpolated between the values; value i of n is at u = (i + ½)/n."""
         n = len(self.values)
         return np.interp(u, (np.arange(n) + 0.5) / n, self.values)
 
 
-#: By the word for each.
+#: The distributions by their names in text.
 DISTRIBUTIONS: dict[str, type[Distribution]] = {
     "normal": Normal,
     "uniform": Uniform,
@@ -173,17 +175,20 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 
 
 def distribution_of(text: str) -> Distribution:
-    """Read WORD:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0 (the third and fourth: the ends that it is cut at).
+    """Parse a distribution from text NAME:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0.
+
+    The numbers are the fields of the class in their order; the third and fourth of a normal distribution are low and
+    high.
 
     Returns
     -------
     Distribution
-        The distribution of that word.
+        The distribution.
 
     Raises
     ------
     ParameterError
-        If an argument is outside its domain.
+        If the text is no distribution, or a number is outside its domain.
     """
     word, *rest = (part.strip() for part in text.split(":"))
     kind: Any = DISTRIBUTIONS.get(word)
@@ -195,22 +200,25 @@ def distribution_of(text: str) -> Distribution:
     try:
         numbers = [float(part) for part in rest]
     except ValueError:
-        raise ParameterError(f"{text!r}: what follows {word} must be numbers, separated by colons") from None
+        raise ParameterError(f"{text!r}: after {word} there must be numbers, separated by colons") from None
     names = [each.name for each in fields(kind)]
     needed = [each.name for each in fields(kind) if each.name not in ("low", "high") or kind is not Normal]
     require(
         len(needed) <= len(numbers) <= len(names),
-        f"{text!r}: after {word} give {', '.join(needed)}" + (" and, if it is cut, low and high" * (kind is Normal)),
+        f"{text!r}: after {word} give {', '.join(needed)}"
+        + (" and, if it is cut off, low and high" * (kind is Normal)),
     )
     found: Distribution = kind(*numbers)
     return found
 
 
 def _finite(of: Any, *names: str) -> None:
+    """Check that fields of a distribution are finite, and convert them. Raises ParameterError."""
     for name in names:
         object.__setattr__(of, name, require_finite(name, getattr(of, name)))
 
 
 def _require_spread(low: float, high: float, what: str) -> None:
+    """Raise ParameterError unless low < high."""
     require(low <= high, f"low must be below high, got {low:g} and {high:g}")
-    require(low < high, f"{what} has no spread: for a number that does not vary give that, {low:g}")
+    require(low < high, f"{what} has no spread: for a number that does not vary give the number itself, {low:g}")

@@ -1,4 +1,4 @@
-"""Compute the gears of a population: many at once, each as it would be alone."""
+"""Compute the gears of a population. Many are computed at once, with the same results as one by one."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from rattle.populations.distributions import LEAST, Distribution
 from rattle.populations.plan import Z_LOOKS, Plan
 from rattle.populations.tolerances import Points
 
-BLOCK = 65_536  # samples at once where damping is strong
-TOGETHER = 64  # gears whose margins are looked for at once
+#: Samples that are followed at once at strong damping.
+BLOCK = 65_536
+#: Gears whose margins are computed at once.
+TOGETHER = 64
 NOT_ASKED, PASSES, FAILS, UNKNOWN = range(4)
 VERDICTS = ("not_asked", "passes", "fails", "unknown")
 
@@ -28,11 +30,11 @@ Array = NDArray[np.float64]
 
 
 class Gears(NamedTuple):
-    """Rows of a population.
+    """The computed rows of a population, one for each gear.
 
-    part (n,): as `Plan` counts them. values (n, d): the numbers that vary. delta, epsilon, beta (n,). energy (n,
-    count): Σv²/2 per revolution of what each sample comes to, rising: 0 if quiet, NaN if undecided. verdict (n,):
-    indexes VERDICTS.
+    part (n,): the part of the plan. values (n, d): the numbers that vary. delta, epsilon, beta (n,): the parameters.
+    energy (n, count): Σv²/2 per revolution of the attractor of each sample, in rising order; 0 if it is quiet, NaN
+    (last) if the sample is undecided. verdict (n,): the number in VERDICTS.
     """
 
     part: NDArray[np.int64]
@@ -45,7 +47,7 @@ class Gears(NamedTuple):
 
 
 def computed(plan: Plan, start: int, stop: int) -> Gears:
-    """Return these rows of a population; a row's numbers depend on the plan and its number only."""
+    """Compute the rows from start to stop of a population; a row depends on the plan and on its number alone."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)
@@ -63,14 +65,14 @@ def computed(plan: Plan, start: int, stop: int) -> Gears:
 
 
 def blocks(delta: Array, count: int) -> list[slice]:
-    """Rows that are followed at once: some seconds where all is chaotic."""
+    """Return slices of the gears that are followed at once, which take some seconds each if all motions are chaotic."""
     longer = np.maximum(1.0, WATCH / (PERIODS * delta.min(initial=1.0)))
     size = max(1, int(BLOCK / longer) // count)
     return [slice(start, min(start + size, delta.size)) for start in range(0, delta.size, size)]
 
 
 def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
-    """Σv²/2 per revolution of what so many samples of each gear come to, (n, count), rising, NaN last."""
+    """Return Σv²/2 per revolution of the attractor of each sample (n, count): rising for each gear, NaN last."""
     found = np.empty((points.parameters.size, count))
     for rows, few in points.by_shape():
         tau, v = states(plan, few, count, seed)
@@ -84,16 +86,14 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
 def follow_gears(
     points: Points, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
-    """Return the attractors of states (n, count) of gears (n,), the row of each state, and data for intensities."""
+    """Return the attractors of states (n, count) of n gears, the row of each state, and data for intensities."""
     model = MODELS[points.parameters.model]
     found = model.classified(points.parameters, tau, v, budget)
     return *tabulated(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
-    """Return the states (n, count) from which the gears begin.
-
-    They are those of `Gear.attractors`, or the results of shocks on a gear at rest.
+    """Return the initial states (n, count) of the gears: the sample of `Gear.attractors`, or departures after shocks.
 
     Returns
     -------
@@ -110,22 +110,21 @@ def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Ar
 
 
 def of_shares(given: float | str | Distribution, u: Array) -> Array:
-    """Return a number, or what has these shares of a distribution below it."""
+    """Return the quantiles of a distribution at u, or a given number everywhere."""
     if isinstance(given, Distribution):
         return given.quantile(np.clip(u, LEAST, 1.0 - LEAST))
     return np.full(u.shape, float(given))
 
 
 def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
-    """Return whether gears (n,) pass.
+    """Judge gears (n,) by their margin of quiet running, or by their share of quiet runs.
 
-    They pass by their share of quiet runs, with more and more samples until it is told with 95 % confidence, or by the
-    margin of quiet running.
+    For the share, samples are added in the steps of `Plan.looks` until the verdict is certain at 95 % confidence.
 
     Returns
     -------
     NDArray[np.int64]
-        1: it passes, 0: it does not, else undecided.
+        PASSES, FAILS or UNKNOWN for each gear.
     """
     if plan.margin is not None:
         least = plan.margin if points.units is None else plan.margin / points.units.velocity
@@ -141,7 +140,7 @@ def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
         open_ = np.flatnonzero(verdict == UNKNOWN)
         here = points.some(open_)
         for rows in blocks(here.parameters.delta, after - before):
-            seed = plan.seed + (look + 1 << 64)  # of no part
+            seed = plan.seed + (look + 1 << 64)  # differs from the seeds of all parts
             found = energies(plan, here.some(rows), after - before, seed)
             quiet[open_[rows]] += (found == 0.0).sum(axis=1)
             rattling[open_[rows]] += (found > 0.0).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The limit of a number of a gear up to which it runs quietly often enough, solved for."""
+"""Design limits: the value of one number of a gear up to which it runs quietly with a required probability."""
 
 from __future__ import annotations
 
@@ -31,27 +31,30 @@ from rattle.populations.tolerances import (
     require_known,
 )
 
-#: What may be asked for, and whether small ones are the safe ones.
+#: The numbers that have a design limit, and whether small values are the safe ones.
 SAFE_IF_SMALL = {
     **dict.fromkeys(("epsilon", "eccentricity", "beta", "backlash", "rpm"), True),
     **dict.fromkeys(("restitution", *AMPLITUDES), True),
     **dict.fromkeys(("delta", "drag", "load", "load_torque"), False),
 }
-#: What limits one cosine by closed forms.
+#: The numbers for which a forcing of one cosine has a closed-form range.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
-#: What begins at 0: scanned in even steps.
+#: The numbers whose range starts at 0; they are scanned in equal steps, others in equal ratios.
 FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
-SCANNED, FEW = 32, 256  # values that are looked at first, and samples of each
+#: Number of values of the first scan, and of samples at each.
+SCANNED, FEW = 32, 256
 MOST_COUNT = 65_536
-SPAN = 100.0  # of values other than eccentricities
-CLOSE = 2.0**-8  # of a step of the scan: a limit is solved for to this
+#: Ratio of a range's end to its middle, for numbers whose range does not start at 0.
+SPAN = 100.0
+#: Accuracy of a limit, as a share of a step of the scan.
+CLOSE = 2.0**-8
 
 
 class Limit(NamedTuple):
-    """The value until which gears run quietly often enough, in its own unit, with its 95 % interval.
+    """The limit of a number, in the unit of the number, with its 95 % interval.
 
-    An end of the interval that is not between the values that were looked at is NaN, and so is a value: where the
-    safest one is too much already, or the last not yet.
+    A value or an end of the interval is NaN if it is outside the range of the scan: if the safest value is too much
+    already, or the last one is still safe.
     """
 
     value: float
@@ -69,27 +72,37 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Return the limit of a number up to which a gear runs quietly with probability `share`, there and at safer ones.
+    """Return the value of a number up to which a gear runs quietly with probability `share`, there and at safer values.
 
-    It is the largest epsilon, beta or restitution (eccentricity, mesh_error and other amplitudes, backlash, rpm of a
-    machine), or the least delta or load (drag, load_torque). harmonic_20 is the amplitude of that order over the first,
-    error_20 that of a machine in m.
+    The limit is the largest epsilon, beta or restitution, or the least delta or load. Of a machine it is the largest
+    eccentricity, mesh_error or other amplitude, backlash or rpm, or the least drag or load_torque. harmonic_20 is the
+    amplitude of order 20 over that of the first harmonic; error_20 is that of a machine in m.
 
-    The probability is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED
-    values are looked at from the safe side on, by default to where nothing is quiet; between two of them the limit is
-    solved for, and the interval is where the share is not told from what is asked. A window of rattling narrower than a
-    step of that scan can be missed: `between` makes it finer.
+    The probability is estimated from `count` states in [0, 1) × (0, natural speed), the same for all values. A scan of
+    SCANNED values starts at the safe end. The limit is solved for between two of them; the interval contains the values
+    whose share does not differ significantly from `share`. A range of rattling narrower than a step of the scan can be
+    missed; a smaller range `between` makes the steps finer.
 
     Parameters
     ----------
     given : Mapping[str, Any]
-        Its other numbers by name, delta, epsilon, beta and what a model adds, or those of a `Machine` with rpm; what a
-        drawing says of the number itself is passed over.
+        The other numbers of the gear by name: delta, epsilon, beta and those that a model adds; or those of a `Machine`
+        with rpm. A value of `of` itself is ignored.
+    of : str
+        The name of the number.
+    share : float
+        The required probability.
+    between : tuple[float, float] | None
+        The range of the scan, by default from the safe end to where no motion is quiet.
+    count, seed : int
+        The number of states, and their seed.
+    budget : int
+        Most impacts on Σ⁺ of a sample.
 
     Returns
     -------
     Limit
-        In the number's unit, with a 95 % interval.
+        The limit in the unit of the number, with its 95 % interval.
 
     Raises
     ------
@@ -103,26 +116,26 @@ def design_limit(
 def design_limits(
     given: Mapping[str, Any], of: str, over: str, values: Iterable[float], share: float = 0.99, **more: Any
 ) -> list[Limit]:
-    """Return the limit of one number as a curve over another, at these values of it.
+    """Return the limits of the number `of` at these values of another number, `over`.
 
-    Other arguments are those of `design_limit`.
+    The other arguments are those of `design_limit`.
 
     Returns
     -------
     list[Limit]
-        In the order of the values.
+        The limits, in the order of the values.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     """
-    require(over != of, f"a limit of {of} is over another number")
+    require(over != of, f"`over` must be another number than `of`, got {of} for both")
     return [design_limit({**given, over: value}, of, share, **more) for value in values]
 
 
 def is_order(name: str) -> bool:
-    """Return whether a number is the amplitude of an order, harmonic_20 or error_20."""
+    """Return whether a name is that of an amplitude by its order, such as harmonic_20 or error_20."""
     return bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
@@ -132,12 +145,12 @@ def is_safe_if_small(name: str) -> bool:
 
 
 def cannot_rest(at: Parameters) -> bool:
-    """Return whether teeth of a gear of any forcing cannot stay together: ε is at its quiet limit or above."""
+    """Return whether the teeth cannot stay in contact: ε is at the quiet limit of the gear's forcing or above."""
     return gear_at(at).quiet_limit <= float(at.epsilon[0])
 
 
 class Excess(NamedTuple):
-    """A share of quiet runs less what is asked: as found, and at both ends of its interval."""
+    """The share of quiet runs minus the required share: its estimate, and both ends of its 95 % interval."""
 
     value: float
     low: float
@@ -145,7 +158,7 @@ class Excess(NamedTuple):
 
 
 class _Solver:
-    """The solver of one limit: shares by value, each computed once."""
+    """The solver of one limit; the share at each value is computed once."""
 
     def __init__(
         self,
@@ -160,7 +173,10 @@ class _Solver:
         if not is_order(of):
             require_one_of("of", of, SAFE_IF_SMALL)
         self.share = require_number("share", share, positive=True)
-        require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
+        require(
+            share <= MOST_SHARE,
+            f"share must be at most {MOST_SHARE}, got {share:g}: no sample is large enough for more",
+        )
         self.count = require_integer("count", count, 1, MOST_COUNT)
         self.seed, self.budget = (
             require_integer("seed", seed, 0, LARGEST_SEED),
@@ -176,8 +192,8 @@ class _Solver:
             if name != "drive":
                 require_number(name, value)
         low, high = self._range() if between is None else require_pair("between", between)
-        require(0.0 <= low < high, f"between must be two numbers, the first below the second, got {low:g} and {high:g}")
-        require(low > 0.0 or self.from_zero, f"{of} must be above 0: begin the range there")
+        require(0.0 <= low < high, f"between must be (low, high) with 0 <= low < high, got {low:g} and {high:g}")
+        require(low > 0.0 or self.from_zero, f"{of} must be above 0: let `between` start above 0")
         even = self.from_zero
         scanned = np.linspace(low, high, SCANNED + 1)[1:] if even else np.geomspace(low, high, SCANNED)
         self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
@@ -185,7 +201,7 @@ class _Solver:
         self.known: dict[tuple[float, int | None], Excess] = {}
 
     def _range(self) -> tuple[float, float]:
-        """Return the range of values: from the safe end to where nothing is quiet, or SPAN times about the damping."""
+        """Return the default range of values: up to where no motion is quiet, or a scale over and times SPAN."""
         of, given = self.of, self.given
         if of == "restitution":
             return 0.0, 1.0
@@ -212,27 +228,28 @@ class _Solver:
             return least, min(least * SPAN * SPAN, self._widest())
         points = points_of({**given, of: 1.0})
         epsilon = float(np.ravel(points.parameters.epsilon)[0])
-        require(epsilon > 0.0, "without an eccentricity everything is quiet: give one")
+        require(epsilon > 0.0, "without an eccentricity all motions become quiet: give an eccentricity above 0")
         end = float(np.ravel(points.parameters.delta)[0]) / least_damping(epsilon)
         if of == "rpm":
             return end / SPAN, min(end, IMPOSSIBLE / (given["radius"] * RPM))
         return 1.0 / end, SPAN / end
 
     def _is_inelastic(self) -> bool:
+        """Return whether the gear is of the inelastic model."""
         return model_of_numbers({**self.given, self.of: 0.5}) is Inelastic
 
     @property
     def from_zero(self) -> bool:
-        """True if it may be 0."""
+        """True if the range of the number starts at 0."""
         return self.of in FROM_ZERO or is_order(self.of)
 
     def _is_beyond(self, value: float) -> bool:
-        """Return whether teeth cannot stay together at a value: the force between them changes its sign."""
+        """Return whether the teeth cannot stay in contact at a value: the contact force changes its sign."""
         ((_, few),) = points_of({**self.given, self.of: np.array([value])}).by_shape()
         return cannot_rest(few.parameters)
 
     def _edge(self, unit: float) -> float:
-        """Return the value, of a number that has a unit like this, at which teeth can just stay together."""
+        """Return the value at which the teeth can just stay in contact; unit: a typical size of the number."""
         safe = is_safe_if_small(self.of)
         values = unit * np.geomspace(1e-9, 1e9, 181)
         beyond = np.array([self._is_beyond(float(value)) for value in values])
@@ -247,24 +264,22 @@ class _Solver:
         return high
 
     def _widest(self) -> float:
-        """Return the widest backlash or eccentricity of a machine."""
+        """Return the largest allowed backlash or eccentricity of a machine, infinite without a machine."""
         return float(WIDEST * self.given.get("radius", math.inf))
 
     def _require_machine(self) -> None:
-        """Raise ParameterError on numbers of a machine that can only be in other units."""
+        """Raise ParameterError if the numbers of a machine are so large that they must be in other units."""
         if is_machine({self.of: 0.0, **self.given}):
             for value in (self.scanned.min(), self.scanned.max()):
                 machine_of({**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Return the samples, of so many, that end quietly, and those that may.
-
-        The latter are undecided ones, if there is a quiet motion.
+        """Follow `count` samples at a value, and count those that become quiet and those that are undecided.
 
         Returns
         -------
         tuple[int, int]
-            Both numbers.
+            The numbers of quiet and of undecided samples; both are 0 above the quiet limit.
         """
         points = points_of({**self.given, self.of: np.array([value])})
         at = points.parameters
@@ -282,7 +297,7 @@ class _Solver:
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
-        """Return the excess of the share of quiet runs over the required one, and at both ends of its interval."""
+        """Return the excess of the share of quiet runs over the required share at a value; count: fewer samples."""
         if (known := self.known.get((value, count))) is None:
             samples = count or self.count
             quiet, undecided = self.ended(value, samples)
@@ -292,19 +307,21 @@ class _Solver:
         return known
 
     def solved(self) -> Limit:
-        """Return the limit, and the ends of its interval."""
+        """Return the limit and its interval."""
         last = self._first_too_much()
         (inside, outside), (sure, _), (_, possible) = (self._crossing(which, last) for which in Excess._fields)
         low, high = (sure, possible) if is_safe_if_small(self.of) else (possible, sure)
         return Limit(0.5 * (inside + outside), low, high)
 
     def _first_too_much(self) -> int:
-        """Return the index of the first value that is too much, by the scan's samples if these are sure, else by all.
+        """Return the index of the first value of the scan whose share is too small.
+
+        FEW samples decide if they suffice, else all samples.
 
         Returns
         -------
         int
-            The number of values where none is too much.
+            The index; the number of values if all shares are large enough.
         """
         for i, value in enumerate(self.scanned):
             few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))
@@ -313,11 +330,20 @@ class _Solver:
         return self.scanned.size
 
     def _crossing(self, which: str, near: int) -> tuple[float, float]:
-        """Two values that are CLOSE, between which this excess falls below 0; both NaN if there are none."""
+        """Return two values that are CLOSE, between which a field of the excess falls below 0; NaN if there are none.
+
+        which: the field. near: the index in the scan at which the search starts.
+
+        Returns
+        -------
+        tuple[float, float]
+            The safe value and the other one.
+        """
 
         def positive(i: int) -> bool:
-            if i < 0:
-                return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()  # without, all is quiet
+            """Return whether the field is at least 0 at value i; value −1 is the number 0."""
+            if i < 0:  # without an eccentricity all motions become quiet
+                return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 
         after = near

@@ -1,4 +1,4 @@
-"""Tables of gears that were measured."""
+"""Read tables of measured gears."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from rattle.populations.distributions import Measured
 from rattle.populations.normal import ndtri
 from rattle.populations.tolerances import DIMENSIONLESS, OF_MACHINE
 
-LEAST = 3  # gears
+#: Least number of measured gears.
+LEAST = 3
 
 
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
-    """Read the numbers of measured gears.
+    """Read a table of measured gears.
 
-    The table has a header that names them (eccentricity, …; SI units) and a row for each gear.
+    The first line names the columns (eccentricity, …, in SI units); each further line is one gear.
 
     Returns
     -------
     tuple[dict[str, Measured], NDArray[np.float64]]
-        Their distributions, and their correlation as `population` takes it.
+        The distributions by name, and their correlation matrix in the form that `population` takes.
 
     Raises
     ------
     ParameterError
-        If an argument is outside its domain.
+        If a number is outside its domain, or there are too few gears.
     RattleError
         If the file cannot be read.
     """
@@ -37,13 +38,13 @@ def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float6
     found = read_columns(path, names)
     columns = {name: found[name] for name in names if name in found}
     gears = len(next(iter(columns.values())))
-    require(gears >= LEAST, f"{path} has {gears} gears: measure {LEAST} at least")
+    require(gears >= LEAST, f"{path} has {gears} gears: at least {LEAST} are needed")
     scores = np.stack([_scores(values) for values in columns.values()])
     return {name: Measured(tuple(values)) for name, values in columns.items()}, np.atleast_2d(np.corrcoef(scores))
 
 
 def _scores(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the normal numbers of ranks; equal values share theirs."""
+    """Return the standard normal scores of the values' ranks; equal values have equal scores."""
     order = np.sort(values)
     ranks = 0.5 * (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right"))
     return np.asarray(ndtri(ranks / values.size))

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 
 def ndtr(z: Any) -> NDArray[np.float64]:
-    """Return the share that is below z."""
-    from scipy import special  # a fifth of a second to load
+    """Return the distribution function at z."""
+    from scipy import special  # imported here, because it takes a fifth of a second
 
     return np.asarray(special.ndtr(z))
 
 
 def ndtri(u: Any) -> NDArray[np.float64]:
-    """Return the number below which a share u is."""
+    """Return the quantile at u."""
     from scipy import special
 
     return np.asarray(special.ndtri(u))

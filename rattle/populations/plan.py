@@ -1,4 +1,4 @@
-"""Plan a population: its gears and the computed quantities, each row by its number alone."""
+"""The plan of a population: which gears are computed from which states. A row depends on its number alone."""
 
 from __future__ import annotations
 
@@ -16,24 +16,30 @@ from rattle.models import Capability, require_capability
 from rattle.populations.distributions import Distribution, Uniform, distribution_of
 from rattle.populations.tolerances import Tolerances
 
-POPULATION, AGAIN, FIRST_SHARING = 0, 1, 2  # parts
+#: Parts of a population's rows: the population, the same gears with other samples, and gears that share numbers.
+POPULATION, AGAIN, FIRST_SHARING = 0, 1, 2
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
-MOST_SAMPLES = 1 << 24  # what is answered of all needs some copies of them, eight bytes each
+#: Most samples of all rows; answers need several copies of them in memory, eight bytes each.
+MOST_SAMPLES = 1 << 24
+#: Default numbers of gears that share numbers with others, and of gears that are judged.
 PAIRS, JUDGED = 1024, 256
 LARGEST_SEED = 2**64 - 1
+#: Largest share of quiet runs that can be required.
 MOST_SHARE = 0.9999
 ANY_PHASE = Uniform(0.0, 1.0)
-FRESH = 1  # stream of numbers that are drawn anew
+#: Random stream of the numbers that are drawn again.
+FRESH = 1
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Shock:
-    """A knock that parts resting teeth.
+    """A knock that separates resting teeth.
 
-    The speed with which they leave, in m/s along the line of action for a machine, else the model's, and the phase, by
-    default any. Each is a number or a distribution. Raises ParameterError.
+    speed: the speed of departure, in m/s along the line of action for a machine, else in the model's unit.
+    phase: the phase of the forcing; by default it is random.
+    Each is a number or a distribution. Raises ParameterError.
     """
 
     speed: float | str | Distribution
@@ -53,11 +59,12 @@ class Shock:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The question: see `rattle.population`.
+    """The plan of a population; the fields are the arguments of `rattle.population`.
 
-    Rows are counted through the parts: the population; its first `pairs` gears again; these with one of their varying
-    numbers kept and the others drawn anew, for each number; and with all kept but one, for each. With one number that
-    varies there is the population alone. Raises ParameterError.
+    The rows are numbered through these parts: the population; its first `pairs` gears again, with other samples; for
+    each varying number these gears with this number kept and the others drawn again; for each varying number these
+    gears with this number drawn again and the others kept. If only one number varies, there is the population alone.
+    Raises ParameterError.
     """
 
     tolerances: Tolerances
@@ -84,33 +91,36 @@ class Plan:
         samples = self.rows * self.count
         require(
             samples <= MOST_SAMPLES,
-            f"{self.rows} gears, with those that share numbers, of {self.count} states each are {samples}, at most "
-            f"{MOST_SAMPLES}: lower count first, which tells least",
+            f"{self.rows:,} gears, with those that share numbers, times {self.count:,} states exceed the limit of "
+            f"{MOST_SAMPLES:,} samples: make count smaller first, which costs the least accuracy",
         )
         if self.share is not None:
             share = require_number("share", self.share, positive=True)
-            require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
+            require(
+                share <= MOST_SHARE,
+                f"share must be at most {MOST_SHARE}, got {share:g}: no sample is large enough for more",
+            )
         if self.margin is not None:
             require_number("margin", self.margin, positive=True)
             require_capability(Capability.MARGIN, self.tolerances.model)
 
     @cached_property
     def sharing(self) -> int:
-        """Gears that have others which share numbers with them."""
+        """The number of gears of the population with which other rows share numbers."""
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property
     def judging(self) -> int:
-        """Gears that are asked whether they pass."""
+        """The number of gears that are judged."""
         return 0 if self.share is None and self.margin is None else min(self.judged, self.gears)
 
     @property
     def rows(self) -> int:
-        """Rows of all parts."""
+        """The number of rows of all parts."""
         return self.gears + self.sharing * (1 + 2 * len(self.tolerances.names))
 
     def asked(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return whether each row is a gear that is asked whether it passes: they are spread over the population."""
+        """Return flags of the rows that are judged; these gears are spread evenly over the population."""
         number = rows * self.judging // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.judging // self.gears))
 
@@ -125,12 +135,12 @@ class Plan:
         start = self.gears + (part - AGAIN) * self.sharing
         return slice(start, start + self.sharing)
 
-    def keeping(self, i: int) -> int:
-        """Return the part of gears that keep the i-th number alone."""
+    def part_keeping(self, i: int) -> int:
+        """Return the part of gears that keep the i-th number, with all others drawn again."""
         return FIRST_SHARING + i
 
-    def but(self, i: int) -> int:
-        """Return the part of gears that keep all numbers but the i-th."""
+    def part_redrawing(self, i: int) -> int:
+        """Return the part of gears whose i-th number is drawn again, with all others kept."""
         return FIRST_SHARING + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:
@@ -142,20 +152,23 @@ class Plan:
         shared = parts >= FIRST_SHARING
         if shared.any():
             fresh = copula.draws(self.seed, FRESH, base[shared])
-            of, part, found = z[shared], parts[shared], z[shared]
+            original, part, found = z[shared], parts[shared], z[shared]
             for i in range(varying):
-                for here, draw in ((part == self.keeping(i), copula.keeping), (part == self.but(i), copula.but)):
-                    found[here] = draw(i, of[here], fresh[here])
+                kept, redrawn = part == self.part_keeping(i), part == self.part_redrawing(i)
+                found[kept] = copula.with_kept(i, original[kept], fresh[kept])
+                found[redrawn] = copula.with_redrawn(i, original[redrawn], fresh[redrawn])
             z[shared] = found
         return self.tolerances.values(z)
 
     @property
     def looks(self) -> tuple[int, ...]:
-        """Samples after which a gear is judged by its share: few tell one that is far from it."""
+        """The numbers of samples after which a gear is judged by its share; few suffice if its share is far off."""
         share = self.share or 0.5
         fewest = math.ceil(Z_LOOKS**2 * share / (1.0 - share))
         return tuple(sorted({FEW, fewest + 1, 4 * (fewest + 1)}))
 
 
+#: Samples after which a gear is judged first.
 FEW = 32
-Z_LOOKS = 2.393979799818671  # 95 % over three looks: the point of the normal distribution for 1 − 0.05/6
+#: Normal quantile for 1 − 0.05/6: 95 % confidence over three judgements.
+Z_LOOKS = 2.393979799818671

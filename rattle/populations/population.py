@@ -1,4 +1,4 @@
-"""Populations of gears: how many run quietly, pass, how hard they rattle, and which tolerance makes the difference."""
+"""`rattle.population`: compute gears that differ within their tolerances."""
 
 from __future__ import annotations
 
@@ -28,30 +28,44 @@ def population(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Population:
-    """Return a population of gears: what their tolerances make of them.
+    """Compute a population of gears that differ within their tolerances.
 
-    Each gear is followed from `count` states of [0, 1) × (0, natural speed), or from what a shock makes of rest: few
-    are enough for what is asked of all. For the yield, `judged` gears pass whose share of quiet runs is at least
-    `share`, or that no impact up to the speed `margin` (m/s of a machine) takes out of quiet running. `pairs` of gears
-    share numbers, for Sobol indices.
-
-    The result is deterministic in all arguments; a gear depends on its number alone, and 40,000 of them are the first
-    40,000 of more.
+    The result is determined by the arguments. A gear depends on its number alone, so the first gears of a larger
+    population are the same.
 
     Parameters
     ----------
     given : Mapping[str, Any]
-        The numbers of a gear by name, one or more a distribution (`Normal`, `Uniform`, `Triangular`, `LogNormal`,
-        `Measured`, or text as `distribution_of` reads it): delta, epsilon, beta and what a model adds, or those of a
-        `Machine` with rpm.
+        The numbers of a gear by name: delta, epsilon, beta and those that a model adds, or those of a `Machine` with
+        rpm.
+        At least one is a distribution: `Normal`, `Uniform`, `Triangular`, `LogNormal`, `Measured`, or text that
+        `distribution_of` reads.
     correlation : ArrayLike | None
-        A matrix of those that vary, its rows in this order, of a machine inertia, drag, backlash, eccentricity, radius,
-        rpm, stiffness.
+        The correlation matrix of the varying numbers, by default the identity. Its rows are in this order; for a
+        machine inertia, drag, backlash, eccentricity, radius, rpm, stiffness.
+    gears : int
+        The number of gears.
+    count : int
+        The number of states in [0, 1) × (0, natural speed) from which each gear is followed. Few are enough for answers
+        about all gears.
+    share, margin : float | None
+        The requirement for the yield: a gear passes if its share of quiet runs is at least `share`; or if no impact up
+        to the speed `margin` ends its quiet running (in m/s for a machine).
+    shock : Shock | None
+        A shock to a gear at rest, after which it is followed, instead of random states.
+    judged : int
+        The number of gears that are judged by the requirement.
+    pairs : int
+        The number of gears with which others share numbers, for Sobol indices.
+    seed : int
+        The seed of all random numbers.
+    budget : int
+        Most impacts on Σ⁺ of a sample.
 
     Returns
     -------
     Population
-        Its methods give the yield, quantiles and indices.
+        The population; its methods return the yield, quantiles and indices.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Numbers of a gear and how they vary: from random numbers to gears."""
+"""The tolerances of a gear: its numbers and their distributions, and the gears that follow from random numbers."""
 
 from __future__ import annotations
 
@@ -23,27 +23,31 @@ from rattle.populations.copula import Copula, correlation_of, shares
 from rattle.populations.distributions import Distribution, Normal, distribution_of
 
 DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
-#: Of a machine: what makes a parameter that a model adds, by the name of that.
+#: The machine's number that determines a parameter that a model adds, by the name of the parameter.
 MAKING = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")
 SECOND = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
 OF_MACHINE = (*NEEDED, *MAKING.values(), *SECOND)
-OF_EITHER = ("restitution",)  # no dimension, so a machine has it too
+#: Numbers without a dimension, which both a dimensionless gear and a machine may have.
+OF_EITHER = ("restitution",)
 OPTIONAL = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *OF_MACHINE[len(NEEDED) :]))}
-FIXED = ("drive", "teeth", "driven_teeth")  # these do not vary
+#: Numbers of a machine that cannot vary.
+FIXED = ("drive", "teeth", "driven_teeth")
 MAY_BE_ZERO = ("epsilon", "load", *MACHINE_MAY_BE_ZERO)
-#: The amplitude of a harmonic of this order beside the first, of a gear without a machine: harmonic_20 and so on.
+#: Names of the amplitudes of further harmonics of a dimensionless gear, over the first: harmonic_20 is that of order
+#: 20.
 HARMONIC = re.compile(r"harmonic_([1-9]\d{0,2})")
-#: The same of a machine, in m, by order of the revolution of the first gear.
+#: Names of amplitudes of a machine in m, by their order in the revolution of the first gear: error_20.
 ERROR = re.compile(r"error_([1-9]\d{0,2})")
 
 Array = NDArray[np.float64]
 
 
 class Points(NamedTuple):
-    """Gears as points of the model (n,), units None without a machine.
+    """n gears as parameter points of a model.
 
-    shapes (n,): the harmonics of each beside the first, tuples; None where no gear has any.
+    units: the units of each machine, None without machines.
+    shapes (n,): the harmonics of each gear besides the first, tuples; None if no gear has any.
     """
 
     parameters: Parameters
@@ -51,13 +55,13 @@ class Points(NamedTuple):
     shapes: NDArray[np.object_] | None = None
 
     def some(self, which: Any) -> Points:
-        """Return those of an index or a mask."""
+        """Return the gears of an index or a mask."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
         return Points(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
 
     def by_shape(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
-        """Return the gears that have the same harmonics together, with their indices: kernels take one shape."""
+        """Yield the gears with the same harmonics together, with their indices, because kernels take one shape."""
         if self.shapes is None:
             yield np.arange(self.parameters.size), self
             return
@@ -72,16 +76,14 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """The numbers of a gear, each one number or a distribution (or its text, see `distribution_of`), by name.
+    """The numbers of a gear by name; each is a number, a distribution, or text that `distribution_of` reads.
 
-    Dimensionless: delta, epsilon, beta (0.6), what a model adds, and harmonic_20, the amplitude of order 20 over that
-    of the first harmonic. Or of a `Machine`: inertia, drag, backlash, eccentricity, radius, rpm, stiffness,
-    load_torque,
-    those of its second gear, mesh_error, error_20 (m, of order 20 of the first gear's revolution) and drive. Either has
-    restitution. Phases are 0.
+    A dimensionless gear has delta, epsilon, beta (0.6), the parameters that a model adds, and amplitudes such as
+    harmonic_20. A `Machine` has inertia, drag, backlash, eccentricity, radius, rpm, stiffness, load_torque, the numbers
+    of its second gear, mesh_error, amplitudes such as error_20, and drive. Both may have restitution. All phases are 0.
 
-    correlation: a matrix of the normal numbers that the ranks of those that vary stand for, in the order in which they
-    are listed here. Raises ParameterError.
+    correlation: the correlation matrix of the normal scores of the varying numbers, in the order of this list. Raises
+    ParameterError.
     """
 
     given: Mapping[str, Any]
@@ -95,13 +97,13 @@ class Tolerances:
         names = [*(name for name in order if name in given), *sorted(set(given).difference(order))]
         read = {name: _read(name, given[name]) for name in names}
         object.__setattr__(self, "given", read)
-        require(bool(self.names), "nothing varies: give a distribution for one of the numbers at least")
+        require(bool(self.names), "nothing varies: give a distribution for at least one number")
         matrix = correlation_of(self.correlation, self.names)
         object.__setattr__(self, "correlation", matrix)
         self._require_meant()
 
     def _require_meant(self) -> None:
-        """Raise ParameterError where what may be drawn is no gear, or can only be in other units."""
+        """Raise ParameterError if a number that may be drawn is impossible, or must be in another unit."""
         low, high = ({name: ends[i] for name, ends in self._ranges.items()} for i in (0, 1))
         for name, least in low.items():
             inside = least >= 0.0 if may_be_zero(name) else least > 0.0
@@ -112,16 +114,18 @@ class Tolerances:
             machine_of({**ends, "drive": self.given.get("drive", "torque")})
 
     def _below_zero(self, name: str, least: float) -> str:
+        """Return the message for a distribution that reaches below 0."""
         limit = "0" if may_be_zero(name) else "a number above 0"
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"
             if isinstance(self.given[name], Normal)
             else "begin it above"
         )
-        return f"{name} must not be below 0, and its distribution goes down to {least:.3g}: {advice}"
+        return f"{name} must not be below 0, but its distribution reaches down to {least:.3g}: {advice}"
 
     @cached_property
     def _ranges(self) -> dict[str, tuple[float, float]]:
+        """The least and the largest value of each number that can be drawn, by name."""
         return {
             name: value.range if isinstance(value, Distribution) else (value, value)
             for name, value in self.given.items()
@@ -135,7 +139,7 @@ class Tolerances:
 
     @property
     def model(self) -> type[Model]:
-        """The model that its gears are of."""
+        """The model of the gears."""
         return model_of_numbers(self.given)
 
     @cached_property
@@ -144,22 +148,22 @@ class Tolerances:
         return Copula(np.asarray(self.correlation, np.float64))
 
     def values(self, z: Array) -> Array:
-        """Return the numbers (n, d) of gears with these normal numbers (n, d)."""
+        """Return the varying numbers (n, d) of gears from standard normal numbers z (n, d)."""
         u = shares(z)
         return np.stack([self.given[name].quantile(u[:, j]) for j, name in enumerate(self.names)], axis=1)
 
     def points(self, values: Array) -> Points:
-        """Return the gears whose varying numbers (n, d) these are. Raises ParameterError."""
+        """Return the gears with these varying numbers (n, d). Raises ParameterError."""
         return points_of({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Return gears of these numbers, which broadcast: dimensionless ones, or a machine's with its drive.
+    """Return the gears with these numbers, which are broadcast: dimensionless numbers, or those of a machine.
 
     Returns
     -------
     Points
-        Parameter points of the gears.
+        The parameter points of the gears.
 
     Raises
     ------
@@ -179,14 +183,14 @@ def points_of(given: Mapping[str, Any]) -> Points:
 
 
 def machine_of(numbers: Mapping[str, Any]) -> Machine:
-    """Return the machine of numbers by the names of this room. Raises ParameterError."""
+    """Return the machine with these numbers, whose names are those of `Tolerances`. Raises ParameterError."""
     given = {name: value for name, value in numbers.items() if not ERROR.fullmatch(name)}
     errors = [(order, numbers[name], 0.0) for order, name in orders_of(numbers, ERROR)]
     return Machine(**given, errors=errors)
 
 
 def orders_of(given: Mapping[str, Any], pattern: re.Pattern[str]) -> list[tuple[int, str]]:
-    """Return the orders of amplitudes that are given by such names, with the names."""
+    """Return the orders and names of the amplitudes whose names match a pattern, HARMONIC or ERROR."""
     return sorted((int(found[1]), name) for name in given if (found := pattern.fullmatch(name)))
 
 
@@ -196,7 +200,7 @@ def may_be_zero(name: str) -> bool:
 
 
 def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
-    """Return the model of a gear with these numbers, dimensionless or a machine's."""
+    """Return the model of a gear with these numbers, dimensionless or of a machine."""
     shaped = any(name in AMPLITUDES or HARMONIC.fullmatch(name) or ERROR.fullmatch(name) for name in given)
     named = {name for name in ADDED if given.get(name) is not None or given.get(MAKING.get(name, "")) is not None}
     if shaped or named & {each.name for each in Inelastic.added}:
@@ -205,12 +209,12 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Return whether numbers are a machine's."""
+    """Return whether these are numbers of a machine."""
     return any(name in OF_MACHINE or ERROR.fullmatch(name) for name in given)
 
 
 def require_known(given: Mapping[str, Any]) -> None:
-    """Raise ParameterError unless these are all numbers of a gear, of one kind."""
+    """Raise ParameterError unless all names are known, and all are of a dimensionless gear or all of a machine."""
     require("speed" not in given, "give the mean speed as rpm, in revolutions per minute")
     own = [name for name in given if name in DIMENSIONLESS or HARMONIC.fullmatch(name)]
     of_machine = [name for name in given if name in (*OF_MACHINE, "drive") or ERROR.fullmatch(name)]
@@ -235,7 +239,7 @@ def require_known(given: Mapping[str, Any]) -> None:
 
 
 def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int, tuple[Any, Any]]) -> Points:
-    """Return gears; shape: amplitude over ε and phase of harmonics by order, arrays."""
+    """Return gears from arrays by name; shape: for each order the amplitude over ε and the phase of the harmonic."""
     given = {name: value for name, value in numbers.items() if value is not None}
     if shape or any(each.name in given for each in Inelastic.added):
         given = {"restitution": 1.0, "load": 0.0, **given}
@@ -254,6 +258,7 @@ def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int,
 
 
 def _read(name: str, value: Any) -> Distribution | float | str:
+    """Return a value as a distribution or a checked number; text may be both. Raises ParameterError."""
     if isinstance(value, Distribution) or name == "drive":
         return value
     if isinstance(value, str):

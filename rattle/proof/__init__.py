@@ -1,1 +1,1 @@
-"""Periodic motions as theorems: a finder in ball arithmetic, its certificates, and a checker that shares no code."""
+"""Theorems about motions of the gear: a finder in ball arithmetic, certificates, and a checker that shares no code."""

@@ -1,6 +1,8 @@
-"""Ball arithmetic: every operation encloses what it stands for (python-flint, which the extra `proof` installs).
+"""Ball arithmetic with python-flint, which the extra `proof` installs.
 
-A comparison of balls is true if it holds for all of their numbers, so what cannot be told is refused: `not (x > 0)`.
+A ball is an interval midpoint ± radius. The result of an operation is a ball that contains the results for all numbers
+of the operands. A comparison is True only if it holds for all numbers of both balls. So a condition that is undecided
+is refused if it is written `if not (x > 0)`.
 """
 
 import threading
@@ -16,6 +18,7 @@ try:
 except ImportError as error:
     raise MissingExtraError("proofs need python-flint: pip install 'gear-rattle[proof]'") from error
 
+#: Precision of a proof.
 BITS = 128
 PI = arb.pi
 VERSIONS = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__}
@@ -24,7 +27,10 @@ _PRECISION = threading.RLock()
 
 @contextmanager
 def precision(bits: int = BITS) -> Iterator[None]:
-    """Within it, balls have so many bits and series first order: both are of the whole process; threads take turns."""
+    """Set the precision of balls in bits, and the order of series to 1, within a `with` block.
+
+    Both are settings of the whole process, so one thread at a time can be in such a block.
+    """
     with _PRECISION, ctx.workprec(bits):
         before, ctx.cap = ctx.cap, 2
         try:
@@ -34,33 +40,33 @@ def precision(bits: int = BITS) -> Iterator[None]:
 
 
 def tight() -> float:
-    """Return a radius that leaves three tenths of the bits to what is computed from such a ball."""
+    """Return 2^(−0.7 bits), the radius from which on an enclosure is narrow enough for all later steps."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 
 def ball(number: Fraction) -> arb:
-    """Return the smallest ball that holds an exact number."""
+    """Return the narrowest ball that contains an exact number."""
     return arb(fmpq(number.numerator, number.denominator))
 
 
 def around(centre: Fraction, radius: Fraction) -> arb:
-    """Return a ball that holds centre ± radius."""
+    """Return a ball that contains the interval centre ± radius."""
     return ball(centre) + arb(0, 1) * ball(radius)
 
 
 def ends(x: arb) -> tuple[Fraction, Fraction]:
-    """Return both ends of a ball, exactly or wider."""
+    """Return a lower and an upper bound of a ball as exact numbers."""
     return exactly(x.lower()), exactly(x.upper())
 
 
 def exactly(x: arb) -> Fraction:
-    """Return the midpoint of a ball."""
+    """Return the midpoint of a ball as an exact number."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
 def nearest(x: arb, places: int) -> Fraction:
-    """Return a decimal of so many places beside the midpoint of a ball."""
+    """Return a decimal number with `places` decimals next to the midpoint of a ball."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     whole = mantissa * 10**places
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)

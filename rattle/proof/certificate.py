@@ -1,4 +1,4 @@
-"""Theorem about one motion: exact numbers, so that anybody can check it."""
+"""The certificate of one periodic motion: a theorem in exact numbers, which other programs can check."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from fractions import Fraction
 
 from rattle.errors import ParameterError, require_finite
 
+#: Version of the JSON document.
 FORMAT = 1
-#: A decimal, or a ratio of integers; short enough for its powers of ten to be written out.
+#: A decimal or a ratio of integers. The limits keep powers of ten short enough to be written out.
 NUMBER = re.compile(r"[+-]?(\d{1,400}(\.\d{0,1100})?|\.\d{1,1100})([eE][+-]?\d{1,3})?|[+-]?\d{1,1100}/[1-9]\d{0,1100}")
 
 Exact = str | float | Fraction
@@ -20,7 +21,7 @@ Ends = tuple[Fraction, Fraction]
 
 
 class Verdict(StrEnum):
-    """Verdict by the enclosed multipliers."""
+    """Stability that is proved: by the enclosures of both multipliers."""
 
     ATTRACTING = "attracting"
     SADDLE = "saddle"
@@ -31,11 +32,18 @@ class Verdict(StrEnum):
 class Certificate:
     """A theorem about one motion of the gear at exact parameters.
 
-    There is exactly one periodic motion with these times, each ± time_radius, and speeds, each ± speed_radius. It
-    meets exactly these walls in this order in m forcing periods, m being its least period; no speed is 0. times: of its
-    impacts, speeds: after them; of the stiff gear both at begin and end of each contact in turn. trace, determinant,
-    multipliers: ends of enclosures (of multipliers, those of real and imaginary part in turn). verdict: whether both
-    multipliers are inside the unit circle ("attracting"), one is outside ("saddle"), or that is not decided.
+    There is exactly one periodic motion with these times, each ± time_radius, and these speeds, each ± speed_radius. It
+    meets exactly these walls in this order in m forcing periods, and m is its least period. None of the speeds is 0.
+
+    model: "impacting" or "stiff".
+    parameters: δ, ε and β, and κ of the stiff gear.
+    walls: 1 for Σ⁺ and −1 for Σ⁻, in order.
+    times, speeds: times of the impacts and speeds after them; of the stiff gear at the beginning and the end of each
+    contact in turn.
+    trace, determinant: both ends of the enclosures of the trace and determinant of the tangent map over m periods.
+    multipliers: ends of four enclosures, the real and the imaginary part of the first multiplier, then of the second.
+    verdict: "attracting" if both multipliers are inside the unit circle, "saddle" if one is outside, else "undecided".
+    versions: versions of the programs that made the certificate.
     """
 
     model: str
@@ -54,11 +62,11 @@ class Certificate:
 
     @property
     def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
+        """The label (m, n_plus, n_minus) of the motion."""
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the theorem in one sentence."""
         m, n_plus, n_minus = self.label
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         return (
@@ -67,7 +75,7 @@ class Certificate:
         )
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
+        """Return the certificate as a JSON document. Each number that is no integer is text: a decimal or a ratio."""
         return {
             "format": FORMAT,
             "model": self.model,
@@ -91,7 +99,7 @@ class Certificate:
 
 
 def exact_number(name: str, value: Exact) -> Fraction:
-    """Return a decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
+    """Return the exact value of a decimal or ratio given as text, of a double or a Fraction. Raises ParameterError."""
     if isinstance(value, str):
         if NUMBER.fullmatch(value):
             return Fraction(value)
@@ -99,11 +107,11 @@ def exact_number(name: str, value: Exact) -> Fraction:
         return value
     else:
         return Fraction(require_finite(name, value))
-    raise ParameterError(f"{name} must be a number, or text such as '0.6' or '3/5' for that very number, got {value!r}")
+    raise ParameterError(f"{name} must be a number, or text with an exact number such as '0.6' or '3/5', got {value!r}")
 
 
 def text(value: Fraction) -> str:
-    """Return an exact number as a decimal, or as a ratio where it is none."""
+    """Return an exact number as text: a decimal if its decimals end, else a ratio."""
     twos, fives, rest = 0, 0, value.denominator
     while rest % 2 == 0:
         rest, twos = rest // 2, twos + 1

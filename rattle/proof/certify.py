@@ -1,4 +1,4 @@
-"""Proofs as the library offers them."""
+"""`rattle.certify`: the proof of a computed periodic motion."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from rattle.errors import ParameterError, require
 from rattle.orbits.periodic import Periodic
 from rattle.proof.certificate import Certificate, Exact, exact_number
 
-SAME = 1e-14  # relative difference that rounding may leave
+#: Largest relative difference between an exact parameter and the double with which the motion was computed.
+SAME = 1e-14
 
 
 def certify(
@@ -16,41 +17,52 @@ def certify(
     beta: Exact | None = None,
     **added: Exact | None,
 ) -> Certificate:
-    """Prove that a computed periodic motion exists, alone near by, with its label, and enclose its multipliers.
+    """Prove that a computed periodic motion exists, and enclose its multipliers.
 
-    Its parameters are the doubles that they are, or exact numbers given here that differ by rounding alone: text such
-    as "0.6" or "3/5", or a Fraction. Needs the extra `proof`. Raises ParameterError, and NotProvedError where no proof
-    was found, which says why; then the motion may still be there. Source: docs/proofs.md.
+    The theorem says that exactly one motion is near the computed motion, and that it has the same label. The extra
+    `proof` is needed. The method is in docs/proofs.md.
+
+    Parameters
+    ----------
+    orbit : Periodic
+        A periodic motion of the impacting or the stiff gear.
+    delta, epsilon, beta : Exact | None
+        Exact parameters: text such as "0.6" or "3/5", or a Fraction. They may differ from those of the motion only by
+        rounding. By default the doubles of the motion, as exact numbers.
+    **added : Exact | None
+        Parameters that the model adds: `kappa` of the stiff gear.
 
     Returns
     -------
     Certificate
-        The certificate.
+        The theorem, which the independent checker verifies.
 
     Raises
     ------
     ParameterError
-        If an exact number is not that of the motion.
+        If an exact number differs from the parameter of the motion, or the motion is of another gear.
+    NotProvedError
+        If no proof was found; the message says at which step. The motion may exist all the same.
     """
     require(
         isinstance(orbit, Periodic),
-        f"orbit must be a periodic motion of the impacting or the stiff gear, got {type(orbit).__name__}: no proof is "
-        "known of another",
+        f"orbit must be a periodic motion of the impacting or the stiff gear, got {type(orbit).__name__}: other "
+        "motions cannot be proved",
     )
     events = len(orbit.walls)
     require(
         len(orbit.times) == len(orbit.speeds) == events > 0, "the motion must have a time and a speed for each wall"
     )
     parameters = {}
-    asked = {"delta": delta, "epsilon": epsilon, "beta": beta, **dict.fromkeys(orbit.added), **added}
-    for name, given in asked.items():
+    given_numbers = {"delta": delta, "epsilon": epsilon, "beta": beta, **dict.fromkeys(orbit.added), **added}
+    for name, given in given_numbers.items():
         has = getattr(orbit, name, None)
         if has is None:
             require(given is None, f"this gear has no {name}: leave it out")
             continue
         parameters[name] = exact_number(name, has if given is None else given)
         if abs(float(parameters[name]) - has) > SAME * abs(has):
-            raise ParameterError(f"{name} of the motion is {has!r}: it was not computed at {given}")
-    from rattle.proof.finder import certified  # with python-flint, which only proofs need
+            raise ParameterError(f"{name} must be that of the motion, {has!r}, but for rounding, got {given}")
+    from rattle.proof.finder import certified  # imports python-flint, which only proofs need
 
     return certified(orbit, parameters)

@@ -1,8 +1,11 @@
-"""Check certificates of periodic motions of the gear, trusting nobody: `python check.py FILE`.
+"""Check certificates of periodic motions of the gear: run `python check.py FILE`.
 
-Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots;
-pi, exp, sin and cos are widened by 2⁻²⁸⁰. A piece of a motion solves y'' + δy' + ky = g(t) from an event to the next, k
-being 0 in a flight and 2κ in a contact; unknown are times and velocities after all events (docs/proofs.md).
+The program needs this file, Python and mpmath, and nothing else of this project. It trusts mpmath's interval operations
++ − × ÷ and roots; the values of pi, exp, sin and cos are widened by 2⁻²⁸⁰.
+
+An event is an impact, or the beginning or the end of a contact. Between two events a piece of the motion solves
+y'' + δy' + ky = g(t), with k = 0 in a flight and k = 2κ in a contact. The unknowns x are the time and the velocity
+after each event, in turn. The lemmas and the numbers of equations are those of docs/proofs.md.
 """
 
 import json
@@ -20,52 +23,66 @@ IV = MPIntervalContext()
 IV.prec = 320
 ZERO, UNIT, SLACK = IV.mpf(0), IV.mpf([-1, 1]), IV.mpf([-(2.0**-280), 2.0**-280])
 TWO_PI = 2 * (IV.pi + SLACK)
-MOST_PARTS, MOST_EVENTS = 4000, 1024  # of a piece, of a motion
+#: Most parts into which the time of a piece is bisected.
+MOST_PARTS = 4000
+#: Most events of a motion.
+MOST_EVENTS = 1024
 NUMBER = re.compile(r"-?\d{1,400}(\.\d{1,1100}|/\d{1,1100})?")
 
 
-class Refused(Exception):  # noqa: N818 - it is an answer, no fault
-    """Why a certificate is not proved."""
+class Refused(Exception):  # noqa: N818 - a refusal is an answer of the checker, not a fault
+    """The certificate is not proved; the message says why."""
 
 
 def require(ok: bool, why: str) -> None:
-    """Raise Refused unless ok."""
+    """Raise Refused with this message unless ok."""
     if not ok:
         raise Refused(why)
 
 
 def exact_fraction(text: str) -> Interval:
-    """Return an interval about the very number that a decimal or a ratio is."""
-    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number")
+    """Return a narrow interval that contains the exact number in a text, a decimal or a ratio. Raises Refused."""
+    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers")
     number = Fraction(text)
     return IV.mpf(number.numerator) / IV.mpf(number.denominator)
 
 
 def is_positive(*intervals: Interval) -> bool:
-    """Return whether all numbers of all intervals are > 0; what is not a number is not."""
+    """Return whether all numbers of all intervals are > 0; False if an end is not a number."""
     return all(bool(x.a > 0) and bool(x.b > 0) for x in intervals)
 
 
 def sine_and_cosine(x: Interval) -> tuple[Interval, Interval]:
-    """Sine and cosine of 2πx."""
+    """Return the sine and the cosine of 2πx."""
     return IV.sin(TWO_PI * x) + SLACK, IV.cos(TWO_PI * x) + SLACK
 
 
 class CertifiedMotion:
-    """Motion of a certificate: its events are impacts, or begins and ends of contacts."""
+    """The motion that a certificate states.
+
+    itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event.
+    m: its forcing periods. k: the stiffness of the piece after each kind of event.
+    turns: factor of the velocity at an event, −1 at an impact and 1 at the beginning or the end of a contact.
+    centre, radii: the centre and the half-widths of the box of the unknowns x.
+    """
 
     def __init__(self, document: Any) -> None:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
-        require({*document["parameters"]} == {*names}, f"its parameters are not {', '.join(names)}")
+        require({*document["parameters"]} == {*names}, f"`parameters` must be {', '.join(names)}")
         self.delta, self.epsilon, self.beta, *kappa = (exact_fraction(document["parameters"][name]) for name in names)
         self.itinerary, (self.m, *counts) = document["walls"], document["label"]
         whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
-        require(whole, "its walls are not 1 and -1, or its forcing periods not 1, 2, …")
-        require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "its label does not count its walls")
-        self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)  # what an event makes of a velocity
+        require(
+            whole, "`walls` must be 1 and -1, and the first number of `label`, the forcing periods, a positive integer"
+        )
+        require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "`label` must count the walls 1 and -1")
+        self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)
         self.walls = [wall for wall in self.itinerary for _ in self.k]
         times, speeds = document["times"], document["speeds"]
-        require(len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS, "it has other times than events")
+        require(
+            len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS,
+            f"`times` and `speeds` must have one number for each event, at most {MOST_EVENTS}",
+        )
         signs = [-wall * (-1 if kappa and i % 2 == 0 else 1) for i, wall in enumerate(self.walls)]
         self.centre = [
             x
@@ -73,21 +90,25 @@ class CertifiedMotion:
             for x in (exact_fraction(t), sign * exact_fraction(v))
         ]
         self.radii = [exact_fraction(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
-        require(is_positive(self.delta, self.beta, *kappa, *self.radii), "a parameter or a radius is not positive")
+        require(
+            is_positive(self.delta, self.beta, *kappa, *self.radii),
+            "delta, beta, kappa and both radii must be positive",
+        )
 
     def pieces(self, x: Sequence[Interval]) -> "list[MotionPiece]":
-        """Return the pieces of the motion between its events."""
+        """Return the pieces of the motion between its events, at the unknowns x."""
         return [MotionPiece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
-        """Return the errors of y and the velocity at the end of each piece, all 0 for a motion.
+        """Return the residual of the motion's equations and its Jacobian, at the unknowns x.
 
-        With rows {unknown: derivative}.
+        For each piece there are two equations: its end is on the next wall, and its final velocity becomes the velocity
+        after the next event.
 
         Returns
         -------
         tuple[list[Interval], list[dict[int, Interval]]]
-            Errors, and rows of derivatives.
+            The residual, which is 0 for a motion; and the rows of the Jacobian as {unknown: derivative}.
         """
         values, rows = [], []
         for p in self.pieces(x):
@@ -102,11 +123,11 @@ class CertifiedMotion:
         return values, rows
 
     def enclosed(self) -> list[Interval]:
-        """Intervals that hold the one motion of the box, by Krawczyk's operator."""
+        """Return intervals that contain the only motion of the box, by Lemma 2 (Krawczyk). Raises Refused."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
-        for _ in range(6):  # once proves it, and again gives less each time
+        for _ in range(6):  # the first step proves existence, further steps make the intervals narrower
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
             moved = []
             for i, line in enumerate(about):
@@ -115,52 +136,57 @@ class CertifiedMotion:
                 ]
                 moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
             inside = (is_positive(radius - dx, radius + dx) for radius, dx in zip(self.radii, moved, strict=True))
-            require(all(inside), "its box is not mapped into itself")
+            require(
+                all(inside),
+                "the box of the certificate is not mapped into itself: it is not proved to contain one motion",
+            )
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Each piece begins and ends at its walls with speeds that are not 0, and meets or leaves none on its way."""
+        """Raise Refused unless each piece joins its two walls with speeds that are not 0, and no event is between."""
         for i, p in enumerate(self.pieces(x), 1):
-            side = p.wall if p.k != 0 else -p.wall  # a contact is beyond its wall
+            side = p.wall if p.k != 0 else -p.wall  # sign of the velocity at the start: a contact moves into its wall
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
             require(
-                is_positive(p.duration, *speeds), f"piece {i} takes no time, or grazes, or comes from behind a wall"
+                is_positive(p.duration, *speeds),
+                f"piece {i} is not proved to last, and to start and end on the right side of its walls",
             )
-            require(p.stays(), f"piece {i} may meet a wall, or leave it, on its way")
+            require(p.stays(), f"piece {i} is not proved to reach its end before another event")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """No part of the m forcing periods is a period."""
+        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
         n, times = len(self.itinerary), [*x[::2], *(t + self.m for t in x[::2])]
         for parts in range(2, n + 1):
             shift = n // parts
             shifted = [*self.itinerary[shift:], *self.itinerary[:shift]]
             if self.m % parts == n % parts == 0 and shifted == self.itinerary:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift * len(self.k) :], strict=False)]
-                require(any(is_positive(gap) or is_positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+                require(
+                    any(is_positive(gap) or is_positive(-gap) for gap in gaps),
+                    f"the motion may repeat {parts} times in {self.m} forcing periods",
+                )
 
     def trace(self, x: Sequence[Interval]) -> Interval:
-        """Return the trace of the tangent map over the period.
-
-        That of an impact is [[−1, 0], [2g/v, −1]], v the velocity before.
-
-        Returns
-        -------
-        Interval
-            Enclosure of the trace.
-        """
+        """Return the trace of the tangent map of (Φ, Φ') over the period (Lemma 8)."""
         a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
         for p in self.pieces(x):
             e, f, g, h = p.tangent(p.duration)
             a, b, c, d = e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
             if self.turns < 0:
+                # the tangent map of an impact that is reached with velocity v is [[−1, 0], [2g/v, −1]]
                 kick = -2 * p.force(p.duration) / p.next
                 a, b, c, d = -a, -b, kick * a - c, kick * b - d
         return a + d
 
 
 class MotionPiece:
-    """y'' + δy' + ky = g(t) from event i to the next, where y is Φ less what it is at the event."""
+    """The piece of a motion from event i to the next, where y = Φ − Φ(event i) solves y'' + δy' + ky = g(t).
+
+    t, w: time and velocity at the start; next: velocity after the next event; duration: time between the events.
+    unknowns: the numbers of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
+    cosine, sine: amplitudes of the particular solution (1.12), (1.13). y0, v0: its value and derivative at the start.
+    """
 
     def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
         j = (i + 1) % len(motion.walls)
@@ -174,19 +200,19 @@ class MotionPiece:
         self.y0, self.v0 = self.driven(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """Return g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        """Return the contact force g (1.2), a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def driven(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return one solution of the equation, and its derivative, after u."""
+        """Return the particular (forced) solution and its derivative, a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0
         return y + 2 * TWO_PI * (u if flies else self.delta / self.k), v + (2 * TWO_PI if flies else 0)
 
     def tangent(self, u: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """[[C, S], [−kS, C − δS]], the map of (y, y') over the time u where nothing drives."""
+        """Return C, S, −kS and C − δS, the map of (y, y') over a time u without forcing, (1.14) and (1.15)."""
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
@@ -196,27 +222,20 @@ class MotionPiece:
         return c, s, -self.k * s, c - self.delta * s
 
     def after(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return y and y' after u."""
+        """Return y and y', a time u after the start of the piece."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def stays(self) -> bool:
-        """Return whether y clears the walls, or stays in contact beyond its wall, within the piece.
-
-        At all times but both ends.
-
-        Returns
-        -------
-        bool
-            True if that is proved.
-        """
+        """Return whether it is proved that a flight meets no wall, or a contact does not end, before its stated end."""
 
         def clear(y: Interval) -> bool:
+            """Return whether a flight is between the walls at y, or a contact beyond its wall."""
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
-        for _ in range(MOST_PARTS):  # y is clear, or on its wall, at the ends of each; between them if y' has one sign
+        for _ in range(MOST_PARTS):  # y is clear or on a wall at both ends of a part, so in it if y' has one sign
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.after(part)[1]
@@ -232,7 +251,7 @@ class MotionPiece:
 
 
 def roots(trace: Interval, determinant: Interval) -> list[Interval]:
-    """Real and imaginary parts, in turn, of both roots of λ² − trace λ + determinant."""
+    """Return the real and the imaginary part of both roots of λ² − trace λ + determinant, in turn."""
     half, square = trace / 2, trace**2 / 4 - determinant
     root = IV.sqrt(abs(square))
     if is_positive(square):
@@ -241,10 +260,10 @@ def roots(trace: Interval, determinant: Interval) -> list[Interval]:
 
 
 def check(text: str) -> str:
-    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refused."""
     try:
         document = json.loads(text)
-        require(document["format"] == 1, "its format is not known")
+        require(document["format"] == 1, "`format` must be 1")
         motion = CertifiedMotion(document)
         x = motion.enclosed()
         motion.require_admissible(x)
@@ -254,20 +273,21 @@ def check(text: str) -> str:
         for x, ends in zip([trace, determinant, *roots(trace, determinant)], claims, strict=True):
             low, high = (exact_fraction(end) for end in ends)
             ok = is_positive(x - low, high - x) or x == low == high == ZERO
-            require(ok, f"a number is not proved to be between {' and '.join(ends)}")
+            require(ok, f"trace, determinant or a multiplier is not proved to be between {' and '.join(ends)}")
         room = 1 + determinant - trace, 1 + determinant + trace
         outside, verdict = is_positive(-room[0]) or is_positive(-room[1]), document["verdict"]
         require(
-            {"attracting": is_positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"), "its verdict"
+            {"attracting": is_positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"),
+            f"the verdict {verdict!r} is not proved",
         )
         where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
         return f"P({', '.join(map(str, document['label']))}), {verdict}, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise Refused(f"the certificate is incomplete or malformed: {error}") from error
 
 
 def main(path: str) -> int:
-    """Print what is proved of the certificate on each line of a file. Returns 1 if one is refused, else 0."""
+    """Check the certificate on each line of a file, and print the results. Return 1 if one is refused, else 0."""
     status = 0
     with open(path, encoding="utf-8") as file:
         for number, line in enumerate(file, 1):

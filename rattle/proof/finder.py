@@ -1,4 +1,4 @@
-"""The finder: from a computed motion to a theorem about the one that is there."""
+"""The finder: it proves, from a computed periodic motion, the theorem about the exact motion near it."""
 
 from __future__ import annotations
 
@@ -19,30 +19,35 @@ from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import ModelPlane
 from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
 
-ROOM = 10**4  # times the width of a ball that a published enclosure is wider: others round in other ways
-FINEST = Fraction(1, 10**12)  # unit of a published enclosure, of numbers of order 1
-PLACES = 25  # of speeds
+#: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
+ROOM = 10**4
+#: Unit to which the ends of a published enclosure are rounded, for numbers of order 1.
+FINEST = Fraction(1, 10**12)
+#: Decimals of published speeds.
+PLACES = 25
+#: Largest relative difference between the stated and the proved trace that rounding can explain.
 SAME_TRACE = 1e-6
-LONG = 16  # impacts; derivatives along more of them multiply to what 128 bits may not enclose
+#: Most impacts of a motion that is proved with BITS; longer motions need twice the bits.
+LONG = 16
 
 
 class MotionSystem(Evaluated, Protocol):
-    """A periodic motion whose times are known in balls."""
+    """A periodic motion whose times are balls."""
 
     @property
     def speeds(self) -> list[arb]:
-        """Speeds at these times."""
+        """The speeds at the times of the impacts, or of the ends of contacts."""
 
     @property
     def trace(self) -> arb:
         """The trace of the tangent map over the period."""
 
     def require_admissible(self) -> None:
-        """Raise NotProvedError unless every piece ends where it first can."""
+        """Raise NotProvedError unless every flight and contact is proved not to end before its stated time."""
 
 
 def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
-    """Return the theorem about a computed motion at exact parameters. Raises NotProvedError."""
+    """Return the certificate of a computed motion at exact parameters. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
         motions, start = motions_of(orbit, parameters)
         found = enclosed(motions, start)
@@ -73,7 +78,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
-    """Return the motions of a computed one's itinerary by their times, and its own."""
+    """Return the equations for motions with the walls of a computed motion, and its times as a start."""
     plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
@@ -82,19 +87,19 @@ def motions_of(
 
 
 def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
-    """Raise NotProvedError unless what the computed motion says of itself is what is proved, but for rounding."""
+    """Raise NotProvedError if the stated speeds or multipliers of a computed motion differ from the proved ones."""
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
-    moved = max(abs(said - speed) for said, speed in zip(orbit.speeds, departures, strict=True))
+    moved = max(abs(stated - speed) for stated, speed in zip(orbit.speeds, departures, strict=True))
     if not moved < MOST_MOVED * max(1.0, *departures):
-        raise NotProvedError(f"its speeds are not those that it gives: they differ by {moved:.1e}")
-    said = sum(orbit.multipliers).real
-    if not abs(said - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
-        raise NotProvedError(f"its multipliers are not those that it gives: their sum is {float(trace):.6g}")
+        raise NotProvedError(f"the stated speeds of the motion differ from the proved ones by {moved:.1e}")
+    stated = sum(orbit.multipliers).real
+    if not abs(stated - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
+        raise NotProvedError(f"the stated multipliers have the sum {stated:.6g}, the proved ones {float(trace):.6g}")
 
 
 def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> None:
-    """Raise NotProvedError if the motion may repeat before m forcing periods are over."""
+    """Raise NotProvedError unless m forcing periods are proved to be the least period of the motion (Lemma 7)."""
     n, order = len(walls), tuple(walls)
     each = len(times) // n
     for parts in range(2, m + 1):
@@ -105,19 +110,19 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
             continue
         later = [*times, *(time + m for time in times)][shift * each :]
         if not any(abs(b - a - m // parts) > 0 for a, b in zip(times, later, strict=False)):
-            raise NotProvedError(f"it may repeat after {m // parts} of {m} forcing periods")
+            raise NotProvedError(f"the motion may repeat after {m // parts} of {m} forcing periods")
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Return the verdict by λ² − trace λ + determinant with 0 < determinant < 1.
+    """Return the stability that the trace and the determinant of the tangent map prove (Lemma 8).
 
-    Both roots are inside the unit circle if and only if |trace| < 1 + determinant, and one is outside if |trace| is
-    more.
+    The multipliers are the roots of λ² − trace λ + determinant, with 0 < determinant < 1. Both are inside the unit
+    circle if and only if |trace| < 1 + determinant, and one is outside if |trace| > 1 + determinant.
 
     Returns
     -------
     Verdict
-        UNDECIDED where the enclosures do not tell.
+        UNDECIDED where the enclosures prove neither.
     """
     if abs(trace) < 1 + determinant:
         return Verdict.ATTRACTING
@@ -125,22 +130,24 @@ def verdict_of(trace: arb, determinant: arb) -> Verdict:
 
 
 def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
-    """Enclosures of both multipliers: of real and imaginary part in turn."""
+    """Return enclosures of the real and the imaginary part of the first multiplier, then of the second."""
     zero, half, square = (Fraction(0), Fraction(0)), trace / 2, trace * trace / 4 - determinant
     if square > 0:
         return published(half + square.sqrt()), zero, published(half - square.sqrt()), zero
     if square < 0:
         root = (-square).sqrt()
         return published(half), published(root), published(half), published(-root)
-    spread = arb(0, 1) * square.abs_upper().sqrt()  # equal, or almost
+    spread = arb(0, 1) * square.abs_upper().sqrt()  # the multipliers are equal, or too close to be separated
     both = published(half + spread), published(spread)
     return both + both
 
 
 def published(x: arb) -> Ends:
-    """Return the ends of an enclosure in few digits, wider than the ball."""
+    """Return the ends of an enclosure in few digits, wider than the ball. Raises NotProvedError if it is infinite."""
     if not x.is_finite():
-        raise NotProvedError("its multipliers are not enclosed: its derivatives grow too fast on the way")
+        raise NotProvedError(
+            "the multipliers are not enclosed: the motion is too long or too unstable for the precision"
+        )
     low, high = ends(x)
     least, unit = max(ROOM * (high - low), FINEST * abs(high)), FINEST
     while unit < least:
@@ -149,7 +156,7 @@ def published(x: arb) -> Ends:
 
 
 def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return a bound of the distance of the box's speeds from their centres, in two digits."""
+    """Return a bound, in two digits, of the distance of all speeds of a box from their centres."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exactly(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

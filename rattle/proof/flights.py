@@ -1,7 +1,7 @@
-"""Flights in balls: their velocities from their times, and the proof that they meet no wall on their way.
+"""Flights in ball arithmetic: their velocities from their times, and the proof that they meet no wall on their way.
 
-Between walls Φ'' + δΦ' = g(t) = 4πδ − 2πε (2π cos 2πt + δ sin 2πt), so M = e^(δt) Φ' has M' = e^(δt) g: where g keeps
-its sign M is monotone, and Φ has one extremum at most (docs/kernel.md; lemmas 2 and 3 of docs/proofs.md).
+Between the walls Φ'' + δΦ' = g(t) (1.1), so M = e^(δt) Φ' has the derivative M' = e^(δt) g. Between two zeros of g the
+function M is monotone, so Φ has at most one extremum there. The equations and Lemmas 3 to 5 are in docs/proofs.md.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from scipy.optimize import brentq
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb
 
+#: Signs of a velocity. UP also marks a minimum of Φ, after which Φ grows, and DOWN a maximum.
 UP, DOWN = 1, -1
 
 
 @dataclass(frozen=True)
 class ModelPlane:
-    """δ, ε and β in balls, and what follows from them alone."""
+    """The parameters δ, ε and β as balls, and quantities that follow from them alone."""
 
     delta: arb
     epsilon: arb
@@ -30,54 +31,64 @@ class ModelPlane:
 
     @cached_property
     def drift(self) -> arb:
-        """4π."""
+        """4π, the mean velocity of the forcing's response."""
         return 4 * PI()
 
     @cached_property
     def swing(self) -> arb:
-        """2πε."""
+        """2πε, the amplitude of the velocity's oscillation."""
         return 2 * PI() * self.epsilon
 
     @cached_property
     def forcing(self) -> arb:
-        """4π²ε."""
+        """4π²ε, the amplitude of the cosine in g (1.2)."""
         return 2 * PI() * self.swing
 
     def force(self, sine: arb, cosine: arb) -> arb:
-        """Return g where the forcing has this sine and cosine."""
+        """Return the contact force g (1.2), from sine = sin 2πt and cosine = cos 2πt."""
         return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
 
     @cached_property
     def edges(self) -> tuple[arb, ...]:
-        """The phases where g vanishes, none below the quiet limit."""
+        """The two phases at which g vanishes (Lemma 4); empty below the quiet limit. Raises NotProvedError."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
         half, middle = share.acos() / (2 * PI()), (self.delta / (2 * PI())).atan() / (2 * PI())
         if not half > 0:
-            raise NotProvedError("it is not told whether the contact force changes sign: take ε off the quiet limit")
+            raise NotProvedError(
+                "it is undecided whether the contact force changes sign: move epsilon away from the quiet limit"
+            )
         return middle - half, middle + half
 
 
 @dataclass(frozen=True)
 class FlightEnclosure:
-    """A flight from time t0 over a distance to time t1, with velocities w0 and w1; derivatives as w0_t0 = ∂w0/∂t0."""
+    """A flight as balls.
+
+    t0, t1: times at which it starts and ends.
+    rest: C of (1.5) to (1.7).
+    cos0: cos 2πt0.
+    w0, w1: velocities at t0 and t1.
+    decay: e^(−δ(t1 − t0)).
+    w0_t0, w0_t1, w1_t0, w1_t1: the derivatives (1.10), w0_t0 being ∂w0/∂t0.
+    """
 
     plane: ModelPlane
     t0: arb
     t1: arb
-    rest: arb  # C, the part of −Φ' that decays, at t0
+    rest: arb
     cos0: arb
     w0: arb
     w1: arb
-    decay: arb  # e^(−δ(t1 − t0))
+    decay: arb
     w0_t0: arb
     w0_t1: arb
     w1_t0: arb
     w1_t1: arb
 
     def at(self, t: arb) -> tuple[arb, arb]:
-        """Φ(t) − Φ(t0) and Φ'(t)."""
+        """Return Φ(t) − Φ(t0) and Φ'(t), by (1.4) and (1.5)."""
         plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
         kept = (-plane.delta * (t - self.t0)).exp()
         height = self.rest * (kept - 1) / plane.delta + plane.epsilon * (cosine - self.cos0)
@@ -87,7 +98,20 @@ class FlightEnclosure:
 def flight(
     plane: ModelPlane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
-    """Return the flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
+    """Return the flight over a distance between two times, by (1.7) to (1.10).
+
+    Parameters
+    ----------
+    turn0, turn1 : tuple[arb, arb]
+        (sin 2πt, cos 2πt) at t0 and at t1.
+    distance : arb
+        Φ(t1) − Φ(t0).
+
+    Returns
+    -------
+    FlightEnclosure
+        The flight.
+    """
     (sin0, cos0), (sin1, cos1), delta = turn0, turn1, plane.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
@@ -103,61 +127,72 @@ def flight(
 
 
 def sign(x: arb) -> int:
-    """Return the sign that all numbers of a ball have, 0 if they have not one."""
+    """Return the sign of all numbers of a ball: 1 or −1, and 0 if it is undecided or the ball is 0."""
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
 def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
-    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` first.
+    """Prove that the flight leaves `wall` and that its first impact is its end on `target` (Lemma 3).
 
-    Its speeds are not 0 and all its extrema are between the walls: then it meets none on its way.
+    The proof: the speeds at both ends are not 0, and all extrema of Φ between them are strictly between the walls.
+
+    Parameters
+    ----------
+    wall, target : int
+        1 for Σ⁺, −1 for Σ⁻.
+    name : str
+        The flight's name in messages.
 
     Raises
     ------
     NotProvedError
-        If another wall may come first.
+        If the flight may meet a wall before its end.
     """
     if not flight.t1 > flight.t0:
-        raise NotProvedError(f"{name} would take no time")
+        raise NotProvedError(
+            f"the duration of {name} is not proved to be positive: its times are wrong, or enclosed too widely"
+        )
     if sign(flight.w0) != -wall or sign(flight.w1) != target:
-        raise NotProvedError(f"{name} would come from behind a wall or graze it")
-    above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)  # the walls, from the departure
+        raise NotProvedError(f"{name} is not proved to start and end inside the walls: it may graze or pass one")
+    # Φ of both walls minus Φ at the departure
+    above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)
     for turn, height in extrema(flight, name):
         if not (height > below if turn == UP else height < above):
             raise NotProvedError(f"{name} may touch Σ{'⁻' if turn == UP else '⁺'} on its way")
 
 
 def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
-    """(UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there) of all extrema of a flight.
+    """Yield all extrema of Φ on a flight.
 
-    Between two zeros of g M is monotone, and at them the sign of Φ' is told: each change of sign is an extremum.
+    M = e^(δt) Φ' is monotone between two neighbouring zeros of g (Lemma 4). So Φ has one extremum between them if
+    Φ' has different signs at them, and else none.
 
     Yields
     ------
     tuple[int, arb]
-        UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there.
+        UP for a minimum or DOWN for a maximum, and a ball that contains Φ − Φ(t0) there.
 
     Raises
     ------
     NotProvedError
-        If the extrema cannot be told apart.
+        If the sign of Φ' at a zero of g is undecided.
     """
     places = [flight.t0]
     for time in [*cuts(flight), flight.t1]:
         if places[-1] < time:
             places.append(time)
-        else:  # within rounding of each other: one place, around which Φ' has one sign
+        else:  # two times that balls do not separate count as one, at which Φ' must have one sign
             places[-1] = places[-1].union(time)
     signs = [sign(flight.at(place)[1]) for place in places]
     if not all(signs):
-        raise NotProvedError(f"{name} turns where the contact force vanishes, within rounding")
+        raise NotProvedError(f"{name} has an extremum too close to a zero of the contact force, so it stays undecided")
     for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
         if after != before:
             yield after, extremum(flight, start, end, name)
 
 
 def cuts(flight: FlightEnclosure) -> list[arb]:
-    """Return the times in a flight, or within rounding of its ends, at which g vanishes, in order."""
+    """Return the times at which g vanishes during a flight, in order; times at its very ends may be among them."""
     found = []
     for edge in flight.plane.edges:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
@@ -169,30 +204,31 @@ def cuts(flight: FlightEnclosure) -> list[arb]:
 
 
 def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
-    """Return a ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
+    """Return a ball that contains Φ − Φ(t0) at the only zero t* of Φ' between start and end, where M is monotone.
 
-    At any e there |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start.
+    For any time e between them |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start
+    (Lemma 5). The closer e is to t*, the narrower is the ball.
 
     Returns
     -------
     arb
-        The ball.
+        Φ(e) − Φ(t0) ± this bound.
 
     Raises
     ------
     NotProvedError
-        If the zero is not enclosed.
+        If the guess of t* is not between start and end.
     """
     turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):
-        raise NotProvedError(f"{name} turns too close to a wall to be told")
+        raise NotProvedError(f"{name} has an extremum too close to its end or to a zero of the contact force")
     height, slope = flight.at(turn)
     length = end - start
     return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
 
 
 def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
-    """About where Φ' changes sign, in doubles: whatever it is, the bound about it holds."""
+    """Return about the time at which Φ' changes sign, in doubles. The bound of `extremum` holds for any time."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)
 

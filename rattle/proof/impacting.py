@@ -1,7 +1,8 @@
-"""A periodic motion of the impacting gear as the times of its impacts, in balls.
+"""A periodic motion of the impacting gear in ball arithmetic: the unknowns are the times of its impacts.
 
-The equations are those of `rattle.impacting.orbits.equations`: given its times a flight has its velocities, and every
-impact turns the velocity of arrival into minus that of departure.
+The equations are those of `rattle.impacting.orbits.equations` (Lemma 1 of docs/proofs.md). The times of a flight
+determine its velocities. An elastic impact reverses the velocity, so at each impact the velocity of departure plus the
+velocity of arrival is 0.
 """
 
 from __future__ import annotations
@@ -12,24 +13,25 @@ from dataclasses import dataclass
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
 
-MODEL = "impacting"  # its name in certificates
+#: Name of this model in certificates.
+MODEL = "impacting"
 
 
 @dataclass(frozen=True)
 class ImpactEnclosures:
-    """Flights (n,) in turn, each from the impact of its number; unknowns: the times (n,) of the impacts."""
+    """The flights (n,) of a motion; flight i starts at impact i. The unknowns are the times (n,) of the impacts."""
 
     walls: tuple[int, ...]
     flights: list[FlightEnclosure]
 
     @property
     def residual(self) -> list[arb]:
-        """R (n,): velocity of departure plus that of arrival."""
+        """R (n,): at each impact the velocity of departure plus the velocity of arrival."""
         return [here.w0 + self.flights[i - 1].w1 for i, here in enumerate(self.flights)]
 
     @property
     def jacobian(self) -> arb_mat:
-        """∂R/∂t (n, n)."""
+        """The Jacobian ∂R/∂t (n, n)."""
         n = len(self.flights)
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, here in enumerate(self.flights):
@@ -42,7 +44,7 @@ class ImpactEnclosures:
 
     @property
     def speeds(self) -> list[arb]:
-        """Speeds (n,) after the impacts."""
+        """The speeds (n,) after the impacts."""
         return [-wall * each.w0 for wall, each in zip(self.walls, self.flights, strict=True)]
 
     @property
@@ -50,14 +52,14 @@ class ImpactEnclosures:
         """The trace of the product of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs)."""
         product = arb_mat([[1, 0], [0, 1]])
         for each in self.flights:
-            # dw0 = w0_t0 dt0 + w0_t1 dt1 gives dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1
+            # dw0 = w0_t0 dt0 + w0_t1 dt1 determines dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1
             t_t, t_w = -each.w0_t0 / each.w0_t1, 1 / each.w0_t1
             w_t, w_w = each.w1_t0 + each.w1_t1 * t_t, each.w1_t1 * t_w
             product = arb_mat([[t_t, t_w / each.w0], [w_t * each.w1, w_w * each.w1 / each.w0]]) * product
         return product.trace()
 
     def require_admissible(self) -> None:
-        """Raise NotProvedError unless every flight ends at its first impact."""
+        """Raise NotProvedError unless the end of every flight is proved to be its first impact."""
         for i, each in enumerate(self.flights):
             target = self.walls[(i + 1) % len(self.walls)]
             require_first(each, self.walls[i], target, f"the flight after impact {i + 1}")
@@ -65,14 +67,14 @@ class ImpactEnclosures:
 
 @dataclass(frozen=True)
 class ImpactingSystem:
-    """The motions that meet these walls (n,) in m forcing periods, by the times (n,) of their impacts."""
+    """The equations of motions that meet these walls (n,) in m forcing periods, in the times (n,) of their impacts."""
 
     plane: ModelPlane
     walls: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
-        """Return the motion of these times; where R is not 0 its impacts are not elastic."""
+        """Return the flights between these times. They are a motion where R = 0; elsewhere impacts are not elastic."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

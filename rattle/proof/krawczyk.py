@@ -1,4 +1,4 @@
-"""Krawczyk's operator: existence and uniqueness of a zero in a box."""
+"""Krawczyk's operator: it proves that equations have exactly one zero in a box (Lemma 2 of docs/proofs.md)."""
 
 from __future__ import annotations
 
@@ -13,23 +13,26 @@ from numpy.typing import NDArray
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, around, ball, nearest, tight
 
-#: Half-widths of boxes, tried in this order: the largest says most.
+#: Half-widths of the boxes, in the order in which they are tried: uniqueness in a larger box says more.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
-PLACES = 28  # to which centres are rounded
-MOST_REPEATED = 12  # times that the operator is applied to what it gave, which then is tight
-MOST_MOVED = 1e-9  # what rounding may have left of a computed motion
+#: Decimals to which the centre of a box is rounded.
+PLACES = 28
+#: Most times that the operator is applied to its own result, which makes the enclosure narrower.
+MOST_REPEATED = 12
+#: Largest distance between a computed motion and the proved zero that rounding can explain.
+MOST_MOVED = 1e-9
 
 
 class Evaluated(Protocol):
-    """n equations in n unknowns, somewhere, in balls."""
+    """The value and the derivative of n equations in n unknowns x, over balls of x."""
 
     @property
     def residual(self) -> list[arb]:
-        """R (n,)."""
+        """The residual R (n,), which is 0 at a solution."""
 
     @property
     def jacobian(self) -> arb_mat:
-        """∂R/∂x (n, n)."""
+        """The Jacobian ∂R/∂x (n, n)."""
 
 
 Equations = Callable[[Sequence[arb]], Evaluated]
@@ -37,7 +40,7 @@ Equations = Callable[[Sequence[arb]], Evaluated]
 
 @dataclass(frozen=True)
 class Enclosure:
-    """An enclosure: one zero, and only one, lies in the box centre ± radius; it lies in the balls `zero` (n,)."""
+    """An enclosure: exactly one zero lies in the box centre ± radius, and it lies in the balls `zero` (n,)."""
 
     centre: list[Fraction]
     radius: Fraction
@@ -45,20 +48,27 @@ class Enclosure:
 
 
 def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
-    """Return the zero near a computed one.
+    """Return a proved enclosure of the zero near a computed zero.
 
-    K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) inside X proves it, whatever C is, and K(X) holds the zero: R. Krawczyk,
-    Computing 4 (1969) 187–201.
+    Let X be a box with the centre c, and C any matrix. If K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then
+    X has exactly one zero, and K(X) contains it: R. Krawczyk, Computing 4 (1969) 187–201.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations, as a function of balls.
+    start : NDArray[np.float64]
+        The computed zero (n,), in doubles.
 
     Returns
     -------
     Enclosure
-        The enclosure.
+        The box and the enclosure of its zero.
 
     Raises
     ------
     NotProvedError
-        Also if that is farther away than rounding can have left.
+        If no box is mapped into itself, or if the proved zero is farther from `start` than MOST_MOVED.
     """
     about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
@@ -70,15 +80,15 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
             for _ in range(MOST_REPEATED):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _moved(equations, x, step, about, moved)  # which holds the zero as well, and is smaller
+                moved = _moved(equations, x, step, about, moved)  # contains the zero too, and is narrower
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
-    raise NotProvedError("no box about the motion is mapped into itself: it is too close to a bifurcation")
+    raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
 
 
 def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
     """Return an approximate inverse of ∂R/∂x at a computed zero, and the zero after two steps of Newton's method.
 
-    Then all of its places follow from the equations alone, not from how a machine adds doubles.
+    After two steps all decimals of the zero follow from the equations, so they do not depend on how a processor rounds.
 
     Returns
     -------
@@ -96,31 +106,33 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     step = (about * column(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
-        raise NotProvedError(f"the nearest motion that solves the equations is not this one, but {moved:.1e} away")
+        raise NotProvedError(f"the nearest solution of the equations is not this one: it is {moved:.1e} away")
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
     step = (about * column(equations(x).residual)).entries()
     return about, [nearest(a - b, PLACES) for a, b in zip(x, step, strict=True)]
 
 
 def inverse(matrix: arb_mat) -> arb_mat:
-    """About the inverse (n, n) of a matrix, in doubles."""
+    """Return an approximate inverse (n, n) of a matrix, in doubles. Raises NotProvedError if the matrix is singular."""
     middle = np.array([[float(each) for each in row] for row in matrix.tolist()])
     try:
         found = np.linalg.inv(middle)
     except np.linalg.LinAlgError:
         found = np.full(middle.shape, np.nan)
     if not np.isfinite(found).all():
-        raise NotProvedError("the equations of the motion are singular")
+        raise NotProvedError(
+            "the Jacobian of the motion's equations is singular: the motion is too close to a bifurcation"
+        )
     return arb_mat(found.tolist())
 
 
 def column(entries: Sequence[arb]) -> arb_mat:
-    """Return a vector (n, 1)."""
+    """Return the entries (n,) as a column vector (n, 1)."""
     return arb_mat(len(entries), 1, list(entries))
 
 
 def _moved(equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]) -> list[arb]:
-    """K(x + box) − x, where step = C R(x)."""
+    """Return K(x + box) − x for Krawczyk's operator K; `about` is the matrix C, and step = C R(x)."""
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian

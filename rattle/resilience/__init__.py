@@ -1,1 +1,1 @@
-"""Resilience: how attractors fare along a path of parameters, and the shock that each one bears."""
+"""Resilience: attractors along a path of parameters, and the smallest shocks that end them."""

@@ -1,4 +1,4 @@
-"""Gather quantities from the impacts of samples: one interface for this library's and for anybody's own."""
+"""Accumulate quantities over the impacts of samples, the library's own ones or those that a user defines."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ from rattle.models import MODELS, AnyGear
 from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
+#: Largest allowed value of `impacts`.
 MOST_IMPACTS = 100_000_000
 
 
 class Accumulator(Protocol):
-    """A quantity of each of n samples, from their impacts on Σ⁺ one by one."""
+    """A quantity of each of n samples, accumulated from their impacts on Σ⁺ one by one."""
 
     def begin(self, tau: Array, v: Array) -> None:
-        """Begin with the samples (n,)."""
+        """Start with the samples (n,) at these states."""
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_] | None:
-        """Return the next departures from Σ⁺ of these samples (k,), with the forcing periods since they set out.
+        """Add the next departures (τ, v) from Σ⁺ of the samples with these numbers (k,).
 
-        Returns which of them need not be followed on; None: all shall be.
+        time: forcing periods since the samples started. Return flags (k,) of samples that need not be followed further,
+        or None if all must be followed.
         """
 
     def values(self) -> Array:
@@ -39,15 +41,15 @@ Make = Callable[[], Accumulator]
 def accumulated(
     gear: AnyGear, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return the quantity of samples (τ, v) of a gear.
+    """Return an accumulated quantity of samples (τ, v) of a gear.
 
-    Each is followed for `periods` forcing periods, or `impacts` impacts on Σ⁺ at most. A sample that comes to rest has
-    no impacts from there on.
+    Each sample is followed for `periods` forcing periods, or for `impacts` impacts on Σ⁺ if this is less. A sample that
+    comes to rest on a wall has no further impacts.
 
     Returns
     -------
     Array
-        What the accumulator has summed up for each sample.
+        The values of the accumulator, one for each sample.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def accumulated(
 def accumulated_at(
     parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return the same of samples (n,) that each have their own parameters."""
+    """Return an accumulated quantity of samples (n,), each at its own parameters; else as `accumulated`."""
     periods = require_number("periods", periods, positive=True)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     model = MODELS[parameters.model]

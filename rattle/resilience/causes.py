@@ -1,4 +1,4 @@
-"""Why an attractor is lost between two points of a path: its orbit is followed to where it ends."""
+"""Find why an attractor ends between two points of a path: follow its periodic orbit to its end."""
 
 from __future__ import annotations
 
@@ -17,17 +17,23 @@ from rattle.resilience.gears import SAME_POINT, unit_of
 Array = NDArray[np.float64]
 SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
 CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sampling", "continues", "unknown"
-LEAST_STEP = 1e-9  # of the way from one point to the next
-LONGEST = 32  # impacts of an orbit that is followed; one of a hundred takes half a minute
-FARTHEST = 0.1  # from an orbit's departure to that of its continuation, speeds in their unit
-AT_ONE = 0.01  # a multiplier this near to ±1 is there, so near to where the orbit ends
-CLEARLY = 1.5  # times as large: what is extrapolated from
-BESIDE = 1e-3  # of the way, beyond its end, to where an orbit that grazes goes on as one that does not happen
+#: Smallest step of continuation, as a share of the way from one point to the next.
+LEAST_STEP = 1e-9
+#: Most impacts of an orbit that is followed; an orbit of a hundred impacts would take half a minute.
+LONGEST = 32
+#: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `unit_of`.
+FARTHEST = 0.1
+#: Distance from ±1 at which a multiplier counts as ±1 when an orbit is about to end.
+AT_ONE = 0.01
+#: Least ratio of two values from which the end of an orbit is extrapolated.
+CLEARLY = 1.5
+#: Distance beyond the end of an orbit, as a share of the way, at which a grazing orbit continues as a virtual one.
+BESIDE = 1e-3
 
 
 @dataclass(frozen=True)
 class TrackedOrbit:
-    """A periodic attractor: its label, and a departure."""
+    """A periodic orbit that is followed: its label, and the phase and speed of one of its departures from Σ⁺."""
 
     label: tuple[int, int, int]
     tau: float
@@ -36,9 +42,10 @@ class TrackedOrbit:
 
 @dataclass(frozen=True)
 class OrbitEnd:
-    """Why an orbit ends between two points of a path, and between which shares of the way.
+    """The end of an orbit between two points of a path.
 
-    What it is at the second point, if it is there.
+    cause: why it ends. low, high: the shares of the way between which it ends.
+    orbit: the orbit at the second point, if it exists there.
     """
 
     cause: str
@@ -53,10 +60,10 @@ def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
 
 
 def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
-    """Follow an orbit from one point towards another, as long as it happens and attracts.
+    """Follow an orbit from one point towards another, as long as it is admissible and attracts.
 
-    The steps halve where they fail. Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and
-    stops a little before: the place is extrapolated from the multipliers, and lies in the middle between low and high.
+    A step that fails is halved. Close to a multiplier ±1 Newton's method loses digits and stops before the orbit's end.
+    The end is then extrapolated from the multipliers, and `low` and `high` have it in their middle.
 
     Returns
     -------
@@ -84,7 +91,7 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
 
 
 def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
-    """Return how far beyond a trail (share, multipliers) ((1 + sign λ₁)(1 + sign λ₂))^power vanishes, linearly."""
+    """Return how far beyond a trail the power of (1 + sign λ₁)(1 + sign λ₂) is 0, by linear extrapolation."""
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
     for share, value in reversed(known):
@@ -107,14 +114,14 @@ def _solved(gear: AnyGear, near: TrackedOrbit) -> Any:
 
 
 def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
-    """Return how far a motion is from closing after a part of its period.
+    """Return the least distance between the start of a motion and its state after a part of its period.
 
-    A motion that closes there is another one, run through twice.
+    A motion that closes after a part of its period is a shorter motion, run through several times.
 
     Returns
     -------
     float
-        In the unit of states, 0 for one that closes.
+        The distance, with speeds in units of `unit_of`; 0 for a motion that closes.
     """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
@@ -124,7 +131,7 @@ def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
 
 
 def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
-    """Return whether a motion of half the period is near, which is about to flip, or just has."""
+    """Return whether a motion of half the period is near whose multiplier is close to −1: before or after its flip."""
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)
@@ -135,7 +142,7 @@ def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
 def _cause(
     start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
-    """Why an orbit ends soon, and how soon it will."""
+    """Return why the orbit is about to end, and the distance to its end as a share of the way; 0 if that is unknown."""
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:
         if _was_doubled(gear_between(start, end, share), at):
@@ -144,5 +151,5 @@ def _cause(
     if np.abs(multipliers + 1.0).min() < AT_ONE:
         return FLIP, _to_zero(trail, 1.0, 1)
     beyond = _solved(gear_between(start, end, min(share + BESIDE, 1.0)), at)
-    # it goes on where it does not happen, or meets another wall
+    # beyond a graze the orbit continues as a virtual one, or it meets another wall and is not found
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

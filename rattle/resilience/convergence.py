@@ -1,4 +1,4 @@
-"""The time that samples take to get to their attractors, and the share that has got there by when."""
+"""The time that samples take to reach their attractors, and the share that has reached them by a given time."""
 
 from __future__ import annotations
 
@@ -17,15 +17,18 @@ from rattle.resilience.accumulate import accumulated
 from rattle.resilience.gears import States, sample_of, unit_of
 
 Array = NDArray[np.float64]
-RELAXATIONS = 300.0  # times 1/δ, for which samples are followed by default
+#: Default observation time in relaxation times 1/δ.
+RELAXATIONS = 300.0
 
 
 @dataclass(frozen=True)
 class Convergence:
     """The arrivals of samples (n,) at their attractors.
 
-    attractors: by falling share. which (n,): index into them. time (n,): forcing periods until a departure from Σ⁺ is
-    first nearer than `within` to a quiet or periodic one; NaN of others, and of those followed for too short a time.
+    attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
+    time (n,): forcing periods until a departure from Σ⁺ is first nearer than `within` to its quiet or periodic
+    attractor. It is NaN for other attractors, and for samples that did not arrive within the observation time.
+    within: the distance at which a sample counts as arrived.
     """
 
     attractors: tuple[Attractor, ...]
@@ -35,29 +38,32 @@ class Convergence:
 
     @property
     def median(self) -> Array:
-        """Median time to each attractor; NaN where there is none."""
+        """The median time to each attractor, NaN where no time is known."""
         return self._of(np.median)
 
     @property
     def largest(self) -> Array:
-        """Largest time to each attractor that is known."""
+        """The largest known time to each attractor, NaN where no time is known."""
         return self._of(np.max)
 
     def _of(self, function: object) -> Array:
+        """Return a function of the known times to each attractor."""
         assert callable(function)
         times = (self.time[(self.which == i) & np.isfinite(self.time)] for i in range(len(self.attractors)))
         return np.array([float(function(x)) if x.size else np.nan for x in times])
 
     def stability(self, periods: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return the finite-time basin stability of each attractor.
+        """Return the finite-time basin stability: the share of all samples that have reached each attractor by a time.
 
-        The share of all samples that are there by then, with the ends of its 95 % Wilson interval; each of shape
-        (attractors, *periods).
+        Parameters
+        ----------
+        periods : ArrayLike
+            Times in forcing periods, of any shape.
 
         Returns
         -------
         tuple[Array, Array, Array]
-            Share, lower and upper end.
+            The shares and the ends of their 95 % Wilson intervals, each of shape (attractors, *periods).
         """
         at = np.asarray(periods, np.float64)
         there = self.which[:, None] == np.arange(len(self.attractors))
@@ -67,23 +73,27 @@ class Convergence:
 
 
 class _Arrival:
-    """The first time at which samples are near points (k, 2) of their attractors, one list of points for each."""
+    """Accumulate the first time at which each sample is near its attractor.
+
+    which: the attractor of each sample. points: for each attractor its points (k, 2), no points for quiet motion, and
+    None if arrival is not defined. near, unit: the distance of arrival, and the unit of speeds.
+    """
 
     def __init__(self, which: NDArray[np.int64], points: list[Array | None], near: float, unit: float) -> None:
         self.which, self.points, self.near, self.unit = which, points, near, unit
         self.time = np.full(which.size, np.nan)
 
     def begin(self, tau: Array, v: Array) -> None:
-        """Note the samples that set out near their attractors: they are there at once."""
+        """Record the samples that start near their attractors, with time 0."""
         self.add(np.arange(tau.size), tau, v, np.zeros(tau.size))
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_]:
-        """Note who has arrived."""
+        """Record the samples that have arrived, and return their flags."""
         there = ~np.isnan(self.time[sample])
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
             if points is None or not mine.size:
-                there[mine] = points is None  # nothing to arrive at
+                there[mine] = points is None  # these samples are not followed: their arrival is not defined
                 continue
             if not len(points):
                 there[mine] = v[mine] < self.near * self.unit
@@ -96,7 +106,7 @@ class _Arrival:
         return there
 
     def values(self) -> Array:
-        """Return the times."""
+        """Return the times of arrival (n,)."""
         return self.time
 
 
@@ -109,21 +119,26 @@ def convergence(
     periods: float | None = None,
     states: States = None,
 ) -> Convergence:
-    """Return how long the sample of `Gear.attractors` takes to be nearer to its attractors than `within`.
+    """Return the times that the sample of `Gear.attractors` takes to reach its attractors.
 
-    The distance is of phase, and of speed in its unit √(16πδβ)/4.2; quiet motion is v = 0.
+    A sample has arrived when a departure from Σ⁺ is nearer to its attractor than `within`. The distance is that of
+    (τ, v), with v in units of √(16πδβ)/4.2; quiet motion is v = 0.
 
     Parameters
     ----------
+    count, v_max, seed
+        The sample, as in `Gear.attractors`.
+    within : float
+        The distance at which a sample has arrived, below 0.5.
     periods : float | None
-        Forcing periods for which samples are followed, by default 300/δ.
+        Observation time in forcing periods, by default 300/δ.
     states : States
-        Own ones (τ, v) instead of the sample.
+        Initial states (τ, v) instead of the sample.
 
     Returns
     -------
     Convergence
-        Times of all samples.
+        The attractors, and the times of all samples.
 
     Raises
     ------
@@ -141,7 +156,7 @@ def convergence(
 
 
 def _points(gear: AnyGear, attractor: Attractor) -> Array | None:
-    """Departures (k, 2) of a periodic attractor, none of quiet motion, None where no distance is told."""
+    """Return the departures (k, 2) of a periodic attractor, no rows for quiet motion, and None for other attractors."""
     if attractor.kind == "quiet":
         return np.zeros((0, 2))
     if attractor.kind != "periodic":

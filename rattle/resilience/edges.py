@@ -1,7 +1,8 @@
-"""Edge states: what a motion on the boundary between two basins comes to, as a rule a saddle.
+"""Edge states: the states to which motions on the boundary between two basins converge, usually saddles.
 
-Two states on either side of the boundary are brought together by bisection, followed until they part, and brought
-together again. Source: J. D. Skufca, J. A. Yorke and B. Eckhardt, Physical Review Letters 96 (2006) 174101.
+Edge tracking: bisection brings two states on different sides of the boundary close together; both are followed until
+they separate; then bisection brings them together again. Source: J. D. Skufca, J. A. Yorke and B. Eckhardt, Physical
+Review Letters 96 (2006) 174101.
 """
 
 from __future__ import annotations
@@ -19,20 +20,27 @@ from rattle.orbits.iterates import fold
 from rattle.resilience.gears import unit_of
 
 Array = NDArray[np.float64]
-TOGETHER, APART = 1e-12, 1e-6  # distances to which two states are brought, and at which they have parted
-PARTS = 64  # of a line between them, at a time
+#: Distance of the two states after a bisection, and the distance at which they have separated.
+TOGETHER, APART = 1e-12, 1e-6
+#: Parts of the line between the states that are tried at once.
+PARTS = 64
+#: Default of `turns`, the number of bisections.
 MOST_TURNS = 200
-LONGEST = 8  # impacts on Σ⁺ of a saddle that is looked for
-TWICE = 0.1  # as near as a motion is one of more impacts, if it is not that of fewer run through several times
-CLOSE, ARRIVED = 1e-2, 1e-5  # to a saddle: from where one is solved for, and where it is the edge state
+#: Most impacts on Σ⁺ of a saddle that is searched.
+LONGEST = 8
+#: A saddle of more impacts replaces one of fewer only if it is closer by this factor; else it may be its repetition.
+TWICE = 0.1
+#: Distances from a saddle at which it is solved for, and at which it is the edge state.
+CLOSE, ARRIVED = 1e-2, 1e-5
 
 
 @dataclass(frozen=True)
 class EdgeState:
-    """Edge state: the motion that the boundary of two basins leads to. tau, v.
+    """The edge state on the boundary between two basins.
 
-    A state of it, to `distance`. orbit: the unstable periodic motion, of the gear's own kind, None where it is none of
-    up to eight impacts: the edge itself is chaotic then, or longer. impacts: on Σ⁺ that were followed to it.
+    tau, v: phase and speed of a state of it. distance: the accuracy of this state.
+    orbit: the unstable periodic motion, or None if it has more than eight impacts or the edge state is chaotic.
+    impacts: the number of impacts on Σ⁺ that were followed to it.
     """
 
     tau: float
@@ -45,24 +53,26 @@ class EdgeState:
 def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOST_TURNS) -> EdgeState:
     """Return the edge state on the boundary between the basins of two states (τ, v) with different attractors.
 
-    If the line between them crosses several boundaries, that of the basin of `one` is meant which is nearest to it.
+    If the line between the states crosses several boundaries, the one nearest to `one` is followed.
 
     Parameters
     ----------
+    one, other : ArrayLike
+        The two states (τ, v).
     turns : int
-        How often the pair is brought together at most.
+        Most bisections.
 
     Returns
     -------
     EdgeState
-        Phase and speed of a state of it, and its unstable periodic motion if that was found.
+        A state of it, and its unstable periodic motion if that was found.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If both states go to one attractor, or no boundary is found.
+        If the motion on the edge comes to rest.
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
@@ -78,17 +88,20 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
         while _distance(pair, unit) < APART:
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
-                raise RattleError("the motion on the edge comes to rest: there is no edge state to follow it to")
+                raise RattleError(
+                    "the motion on the boundary comes to rest, so it has no edge state: choose two other states"
+                )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
     return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance(pair, unit), made)
 
 
 def _distance(pair: Array, unit: float) -> float:
+    """Return the distance of two states, with speeds in the unit."""
     return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
 
 def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
-    """Two states on either side of the boundary, TOGETHER, on the line between these two."""
+    """Return two states on different sides of the boundary, closer than TOGETHER, on the line between a pair."""
     share = np.arange(PARTS + 1) / PARTS
     while True:
         step = np.array([wrapped(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
@@ -104,7 +117,7 @@ def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
 
 
 def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
-    """Return the nearest unstable periodic motion that is CLOSE to a state, and the distance of its departures."""
+    """Return the unstable periodic motion that is nearest to a state, if it is CLOSE, and its distance."""
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)

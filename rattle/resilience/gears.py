@@ -1,4 +1,4 @@
-"""The sample of one gear, and the points of a path of parameters."""
+"""Helpers of this room: the sample of one gear, the unit of speeds, and the points of a path of parameters."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
 States = tuple[ArrayLike, ArrayLike] | None
+#: Largest number of steps of a path.
 MOST_STEPS = 100_000
-SAME_POINT = 1e-6  # of the attractor that two calls find, speeds in their unit
+#: Largest distance of two points of the same attractor, with speeds in units of `unit_of`.
+SAME_POINT = 1e-6
 
 
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
-    """Return the sample (count,) of `attractors` of a gear, or own states (τ, v), flat. Raises ParameterError."""
+    """Return the states (τ, v) of the sample of `Gear.attractors`, or the given states, flat. Raises ParameterError."""
     if states is not None:
         tau, v, _shape = states_of(*states)
         return tau, v
@@ -31,12 +33,12 @@ def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: S
 
 
 def unit_of(gear: AnyGear) -> float:
-    """Return the scale of speeds."""
+    """Return the unit in which distances of speeds are measured at the gear's parameters."""
     return float(speed_unit(gear.delta, gear.epsilon, gear.beta))
 
 
 def same(one: Attractor, other: Attractor, unit: float) -> bool:
-    """Return whether two calls for one gear have found the same attractor; of chaotic ones, its kind tells."""
+    """Return whether two attractors of one gear are the same: by label, and by position if they are periodic."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
     near = abs(wrapped(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit
@@ -44,20 +46,25 @@ def same(one: Attractor, other: Attractor, unit: float) -> bool:
 
 
 def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
-    """Return the points (n,) of a path of parameters, whose own points (k, 2 or more) begin with δ, ε, β.
+    """Return the parameters at the steps of a path.
 
     Parameters
     ----------
+    path : ArrayLike
+        The corners (k, 2 or more) of the path: δ, ε, then β and the parameters that the model adds, as far as they
+        vary.
+    beta : float
+        The half-backlash, if the path does not have it.
     added : Mapping[str, float | None]
-        What the model has besides, where the path has none.
+        The parameters that the model adds, if the path does not have them.
     steps : int | None
-        N is one more than so many, even along the path with each parameter in units of its range; by default the path's
-        own points.
+        The number of equal steps between n = steps + 1 points. Lengths are measured with each parameter in units of its
+        range. By default the points are the corners of the path.
 
     Returns
     -------
     points
-        Parameters: Arrays (n,), along the path.
+        The parameters as arrays (n,) along the path.
 
     Raises
     ------
@@ -71,7 +78,7 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     right = given.ndim == 2 and 2 <= given.shape[1] <= len(names) and len(given) >= 2
     require(
         right,
-        "path must be points (k, 2) of δ and ε, (k, 3) with β, or more with what the model adds, got shape "
+        "path must be points (k, 2) of δ and ε, (k, 3) with β, or more with the model's other parameters, got shape "
         f"{given.shape}",
     )
     named = {name: np.full(len(given), x) for name, x in {"beta": beta, **others}.items()}
@@ -86,11 +93,13 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
         along = np.append(0.0, np.cumsum(length))
         position = np.linspace(0.0, along[-1], n)
         points = np.column_stack([np.interp(position, along, x) for x in points.T])
-    require(len(points) <= MOST_STEPS + 1, f"a path of {len(points)} points is too long: at most {MOST_STEPS + 1}")
+    require(
+        len(points) <= MOST_STEPS + 1, f"a path of {len(points):,} points is too long: the limit is {MOST_STEPS + 1:,}"
+    )
     delta, epsilon, beta_, *rest = (np.ascontiguousarray(x) for x in points.T)
     return Parameters(model.name, delta, epsilon, beta_, dict(zip(names[3:], rest, strict=True)))
 
 
 def _adding(more: int) -> type[Model]:
-    """Return the model that adds so many parameters, whose values a path has itself: the first of these."""
+    """Return the first model that adds this number of parameters, or the default model."""
     return next((model for model in MODELS.values() if len(model.added) == max(more, 0)), MODELS[DEFAULT_MODEL])

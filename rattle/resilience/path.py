@@ -1,4 +1,4 @@
-"""Attractors along a path of parameters: which there are at each step, with their shares, and why they come and go."""
+"""Global continuation: the attractors at each step of a path of parameters, and why they begin and end."""
 
 from __future__ import annotations
 
@@ -25,19 +25,25 @@ from rattle.resilience.gears import States, path_points, unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
-PERIODS = 200.0  # for which quantities are gathered by default
-CHAOTIC_STATES = 16  # of a chaotic attractor, that are followed at the next step
+#: Default of `periods`, the forcing periods over which quantities are accumulated.
+PERIODS = 200.0
+#: Number of states of a chaotic attractor that are followed at the next step.
+CHAOTIC_STATES = 16
+#: Largest distance of two points of the same attractor, with speeds in units of `unit_of`.
 SAME_POINT = 1e-6
-CHAOS_THERE = -2  # a motion is chaotic where no sample was
+#: In place of a family's number: a motion is chaotic, and no chaotic family is known at that step.
+CHAOS_THERE = -2
 
 
 class Change(NamedTuple):
-    """A family that begins or ends between two steps of a path.
+    """The begin or the end of a family between two steps of a path.
 
-    step: the last one before; begins: it is there after it, and not before. cause: saddle-node, flip, graze, crisis,
-    quiet limit; sampling: it is there on both sides, and no sample of one went to it; continues: it is there as the
-    family `other`; unknown. low, high: between which
-    positions, steps and parts of them. other: the family that a motion on it goes to where it is not, −1 if unknown.
+    family: its number. step: the change is between the steps `step` and `step` + 1. begins: whether the family begins.
+    cause: "saddle-node", "flip", "graze", "crisis", "quiet limit" or "unknown"; "sampling" if the attractor exists at
+    both steps and no sample reached it at one; "continues" if it exists at both steps, at one of them as the family
+    `other`.
+    low, high: the positions between which it changes, in steps and fractions of a step.
+    other: the family that a motion on the attractor goes to where the attractor does not exist, −1 if unknown.
     """
 
     family: int
@@ -51,13 +57,16 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GlobalContinuation:
-    """The attractors of the steps of a path, joined from step to step.
+    """The attractors at the n steps of a path, joined to families from step to step.
 
-    parameters (n, 3 or more): δ, ε, β and what the model adds. count: samples of a step. attractors: of all steps,
-    whose numbers are their cells, with orbits that samples of a step missed and its neighbours know, of samples 0.
-    family (rows,): 0 quiet, −1 undecided; entered (rows,): whether only a neighbour knew it. changes: in their order
-    along the path. quantities: what was gathered of each sample, (n, count). which (n, count): the row of the attractor
-    that a sample goes to.
+    parameters (n, 3 or more): δ, ε, β and the parameters that the model adds.
+    count: the number of samples at each step.
+    attractors: the attractors of all steps, one in each row; `cell` is the number of the step. Orbits that were
+    continued from a neighbouring step and reached by no sample have 0 samples. entered (rows,): whether the attractor
+    was found by such a continuation only. family (rows,): the number of its family, 0 for quiet motion, −1 for
+    undecided samples. which (n, count): the row of the attractor that each sample reaches.
+    changes: the begins and ends of families, in order along the path.
+    quantities: the accumulated quantities of each sample (n, count), by name.
     """
 
     parameters: Array
@@ -75,17 +84,17 @@ class GlobalContinuation:
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
-        """Kind, m, n₊ and n₋ of a family."""
+        """Return kind, m, n₊ and n₋ of a family."""
         row = self._rows(number)[0]
         return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
-        """Return the share of the samples that a family wins at each step (n,); NaN where it is not."""
+        """Return the basin fraction of a family at each step (n,), NaN where the family does not exist."""
         won = self._won(number)
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
-        """Return the ends of the 95 % Wilson intervals of these shares (n,)."""
+        """Return the ends (n,) of the 95 % Wilson intervals of a family's basin fractions."""
         won = self._won(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
@@ -102,12 +111,13 @@ class GlobalContinuation:
             return mean, np.sqrt(spread / (many - 1) / many)
 
     def _rows(self, number: int) -> NDArray[np.int64]:
+        """Return the rows of a family. Raises ParameterError."""
         rows = np.flatnonzero(self.family == number)
-        require(rows.size > 0, f"there is no family {number}: there are {', '.join(map(str, self.families))}")
+        require(rows.size > 0, f"there is no family {number}: choose one of {', '.join(map(str, self.families))}")
         return rows
 
     def _won(self, number: int) -> NDArray[np.int64]:
-        """Return the samples at each step (n,), −1 where the family is not."""
+        """Return the number of samples that reach a family at each step (n,), −1 where the family does not exist."""
         rows = self._rows(number)
         cell, n = self.attractors.cell[rows], len(self.parameters)
         won = np.bincount(cell, self.attractors.samples[rows], n).astype(np.int64)
@@ -127,30 +137,37 @@ def global_continuation(
     states: States = None,
     **added: float | None,
 ) -> GlobalContinuation:
-    """Return the attractors along a path of parameters, points (k, 2 or more).
+    """Return the attractors along a path of parameters, joined to families.
 
-    The points are of (δ, ε), of (δ, ε, β) or of these with the parameters that a model adds.
-
-    Each stable orbit is itself continued to the next steps, so that these have what their samples missed; chaotic
-    attractors are one where they visit the same states (docs/families.md). Of each family that begins or ends the cause
-    is told, unless causes is False: its orbit is followed from step to step.
+    Each stable orbit is continued to the neighbouring steps, so that they have the orbits that their samples missed.
+    Chaotic attractors of two steps are one family if they visit the same states (docs/families.md).
 
     Parameters
     ----------
+    path : ArrayLike
+        The corners of the path: points (k, 2) of (δ, ε), (k, 3) of (δ, ε, β), or more columns with the parameters that
+        a model adds.
     count, v_max, seed
         The sample of each step, as in `Gear.attractors`.
     steps : int | None
-        So many even ones along the path; by default its own points are the steps. beta, and what a model adds by its
-        name, such as the stiffness of the stiff gear: where the path has none.
+        The number of equal steps along the path. By default the corners are the steps.
+    beta : float
+        The half-backlash, if the path does not have it.
+    causes : bool
+        Whether to find the cause of each begin and end of a family, by following its orbit.
     quantities : Mapping[str, Make]
-        What else to gather of each sample, by name, over so many forcing periods (`Accumulator`).
+        More quantities to accumulate for each sample, by name (`Accumulator`).
+    periods : float
+        The forcing periods over which they are accumulated.
     states : States
-        Own ones (τ, v) of every step instead.
+        Initial states (τ, v) for every step instead of the sample.
+    **added : float | None
+        The parameters that a model adds, such as `kappa` of the stiff gear, if the path does not have them.
 
     Returns
     -------
     GlobalContinuation
-        The attractors and their basin fractions.
+        The attractors, their basin fractions and the changes between steps.
 
     Raises
     ------
@@ -161,7 +178,10 @@ def global_continuation(
     given = None if states is None else states_of(*states)
     sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
     count = sample.count
-    require(points.size * count <= 64 * MOST_SAMPLES, f"{points.size} steps of {count} samples are too many at once")
+    require(
+        points.size * count <= 64 * MOST_SAMPLES,
+        f"{points.size:,} steps of {count:,} samples exceed the limit of {64 * MOST_SAMPLES:,}: use fewer",
+    )
     tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
     model = MODELS[points.model]
     table, row = tabulated(model.classified(points, tau.copy(), v.copy()), missed=True)
@@ -178,7 +198,10 @@ def global_continuation(
 
 
 class _Changes:
-    """Begins and ends of families along a path, and their causes."""
+    """Find the begins and ends of families along a path, and their causes.
+
+    here: for each step the rows of the families that exist, by their numbers.
+    """
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
@@ -186,27 +209,30 @@ class _Changes:
         self.here = [{int(family[i]): int(i) for i in reversed(self._at(step))} for step in range(n)]
 
     def _at(self, step: int) -> NDArray[np.int64]:
+        """Return the rows of all families at a step."""
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
     def all(self) -> list[Change]:
-        """Return all of them, along the path; those of chaos, which may follow from others, are told last."""
+        """Return all changes, in order along the path."""
         found = [
             (family, step, begins)
             for step in range(self.points.size - 1)
             for begins in (False, True)
             for family in sorted(self.here[step + begins].keys() - self.here[step + 1 - begins].keys())
         ]
-        told: dict[tuple[int, int, bool], Change] = {}
-        for chaotic in (False, True):
+        explained: dict[tuple[int, int, bool], Change] = {}
+        for chaotic in (False, True):  # changes of chaotic families are last, because they may follow from others
             for each in found:
                 if (self.rows.kind[self._row(*each)] == Outcome.CHAOTIC) == chaotic:
-                    told[each] = self._told(*each, told)
-        return sorted(told.values(), key=lambda change: (change.step, change.low, change.family))
+                    explained[each] = self._explain(*each, explained)
+        return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
     def _row(self, family: int, step: int, begins: bool) -> int:
+        """Return the row of a family that begins or ends after a step, at the step where it exists."""
         return self.here[step + begins][family]
 
-    def _told(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
+    def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
+        """Return the change of a family after a step, with its cause; others: the changes found before."""
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
@@ -224,12 +250,13 @@ class _Changes:
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = OrbitEnd(CRISIS, 0.0, 1.0)  # of chaos into chaos that visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)  # chaos becomes chaos that visits other states
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._change(family, step, begins, end, other)
 
     def _change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
+        """Return a change; the shares of `end` count from the step where the family exists."""
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
@@ -243,7 +270,7 @@ class _Changes:
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
-            return -1  # what is on its way to rest there makes impacts without end
+            return -1  # a motion on its way to rest would make very many impacts there
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
@@ -264,6 +291,7 @@ class _Changes:
         return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
+        """Return whether an attractor is that of a row."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False

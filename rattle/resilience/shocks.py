@@ -1,4 +1,4 @@
-"""The least shock that takes an attractor's motion to another attractor: the distance of its basin's boundary."""
+"""The minimal fatal shock of an attractor: the smallest change of Φ' that takes its motion to another attractor."""
 
 from __future__ import annotations
 
@@ -15,17 +15,27 @@ from rattle.models import AnyGear
 from rattle.resilience.gears import same, unit_of
 
 Array = NDArray[np.float64]
-SCANNED, ROUNDS, HALVINGS = 64, 3, 5  # shocks each way from a state; so often, up to the least so far; then of 64 parts
-PHASES = 64  # of quiet motion
-AT_REST = 1e-6  # units of speed of a departure that stands for a motion at rest
-MOST_STATES = 64  # of a chaotic attractor, or a long orbit
+#: Number of shocks of each sign that are tried from a state in one scan.
+SCANNED = 64
+#: Scans of all states, each up to the smallest shock so far.
+ROUNDS = 3
+#: Further scans of the best state, each of which narrows the smallest shock by the factor SCANNED.
+HALVINGS = 5
+#: Number of phases at which quiet motion is shocked.
+PHASES = 64
+#: Speed of a departure that stands for a motion at rest, in units of `unit_of`.
+AT_REST = 1e-6
+#: Most states of a chaotic attractor, or of a long orbit, that are shocked.
+MOST_STATES = 64
 
 
 class LeastShock(NamedTuple):
-    """The least change of speed that was found to take a motion to another attractor; inf, and none, if there is none.
+    """The smallest shock that was found to take a motion to another attractor.
 
-    change: of Φ'; a departure from Σ⁺ that is faster by x has −x. tau: phase of the shock. position, velocity: Φ and Φ'
-    before it. to: what the motion goes to. error: no shock that is smaller by this, from the same state, does it.
+    change: the change of Φ'; a departure from Σ⁺ that becomes faster by x has −x. It is inf if no shock was found.
+    tau: the phase of the shock. position, velocity: Φ and Φ' before it.
+    to: the attractor that the motion goes to, None if no shock was found.
+    error: accuracy; a shock smaller by this was tried from the same state, and does not suffice.
     """
 
     change: float
@@ -37,6 +47,8 @@ class LeastShock(NamedTuple):
 
 
 class _State(NamedTuple):
+    """A state of the motion before the shock: phase, Φ and Φ'."""
+
     tau: float
     position: float
     velocity: float
@@ -48,28 +60,37 @@ Departure = Callable[[_State, float], tuple[float, float] | None]
 def smallest_shock(
     gear: AnyGear, attractor: Attractor, phase: float | None = None, v_max: SpeedLimit = None
 ) -> LeastShock:
-    """Return the least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
+    """Return the smallest shock, a jump of Φ' at one moment, that takes a motion on an attractor to another attractor.
 
-    The shock comes at a departure from Σ⁺, whichever of the attractor's it is (of a chaotic one, 64 of them), or at
-    this phase of the forcing, of a periodic or quiet motion. Shocks are tried whose departures are slower than v_max,
-    as in `Gear.attractors`. The result is an upper bound: 64 shocks each way, and three times 64 below the least so
-    far, are followed from each state; a basin that is thinner may be nearer. `Gear.boundary_distance` searches harder
-    for quiet motion.
+    The result is an upper bound. From each state 64 shocks of each sign are tried, in three scans up to the smallest
+    shock so far; a thin basin between them may be missed. `Gear.boundary_distance` searches quiet motion more
+    thoroughly.
+
+    Parameters
+    ----------
+    phase : float | None
+        The phase of the forcing at which the shock comes, for periodic or quiet motion. By default it comes at any
+        departure of the attractor from Σ⁺; of a chaotic attractor 64 departures are tried.
+    v_max : SpeedLimit
+        Largest speed of departure after a shock, as in `Gear.attractors`.
 
     Returns
     -------
     LeastShock
-        The shock, with the states before and after it.
+        The shock, the state before it, and the attractor after it.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        Where the attractor is none of this gear's.
+        If the attractor is not one of this gear.
     """
     highest = sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta)
-    require(attractor.kind in ("quiet", "periodic", "chaotic"), f"a motion that is {attractor.kind} has no boundary")
+    require(
+        attractor.kind in ("quiet", "periodic", "chaotic"),
+        f"the attractor must be quiet, periodic or chaotic, got {attractor.kind!r}, which has no known basin",
+    )
     if phase is not None:
         states, departure = _at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
     else:
@@ -80,6 +101,7 @@ def smallest_shock(
 
 
 def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
+    """Return the states of an attractor at its departures from Σ⁺; quiet motion at PHASES phases."""
     if attractor.kind == "quiet":
         return [_State(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
     many = min(attractor.n_plus, MOST_STATES) if attractor.kind == "periodic" else MOST_STATES
@@ -88,16 +110,19 @@ def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
 
 
 def _changed(state: _State, change: float) -> tuple[float, float] | None:
-    """Return the departure after a shock at a state."""
+    """Return the departure (τ, v) after a shock to a state on Σ⁺, or None if the shock is towards the wall."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
 
 def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
-    """Return the states of an attractor at a phase, and their departures from Σ⁺ after a shock."""
+    """Return the states of an attractor at a phase, and a function that returns their departure after a shock."""
     if attractor.kind == "quiet":
         return [_State(phase, gear.beta, 0.0)], _changed
-    require(attractor.kind == "periodic", "a shock at a phase is that of a quiet or periodic motion: leave phase out")
+    require(
+        attractor.kind == "periodic",
+        "phase can be given for quiet or periodic motion only: leave it out for a chaotic attractor",
+    )
     wait = (phase - attractor.tau) % 1.0 or 1.0
     states = []
     for i in range(attractor.m):
@@ -105,6 +130,7 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
         states.append(_State(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
 
     def departure(state: _State, change: float) -> tuple[float, float] | None:
+        """Return the first departure from Σ⁺ after a shock, or None if there is none."""
         try:
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
         except RattleError:
@@ -115,7 +141,7 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
 
 
 class _ShockSearch:
-    """The least shock so far, and between which of one state it lies: `low` does nothing, `high` does."""
+    """The search of the smallest shock. From the best state a shock `low` does not suffice, and a shock `high` does."""
 
     def __init__(
         self, gear: AnyGear, attractor: Attractor, states: list[_State], departure: Departure, highest: float
@@ -127,7 +153,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states, and again below the least; then close in on it."""
+        """Scan all states ROUNDS times up to the smallest shock so far; then narrow the shock of the best state."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
@@ -138,14 +164,14 @@ class _ShockSearch:
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
     def found(self) -> LeastShock:
-        """Return the shock."""
+        """Return the smallest shock that the scans found."""
         state = self.states[self.state]
         if self.to is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
         return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
 
     def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
-        """Try so many shocks of each of these states each of these ways, above low and up to high."""
+        """Try SCANNED shocks from low to high, of these signs (ways), from these states. Raises RattleError."""
         size = low + (high - low) * np.arange(1, SCANNED + 1) / SCANNED
         tried = [(int(i), float(way), k) for i in states for way in ways for k in range(SCANNED)]
         after = [self.departure(self.states[i], way * float(size[k])) for i, way, k in tried]
@@ -155,7 +181,9 @@ class _ShockSearch:
         found = self.gear.reached(np.append(self.attractor.tau, tau), np.append(self.attractor.v, v))
         own = found.which[0]
         if not same(found.attractors[own], self.attractor, unit_of(self.gear)):
-            raise RattleError(f"the {self.attractor.kind} motion is no attractor of this gear")
+            raise RattleError(
+                f"the given {self.attractor.kind} motion is no attractor of this gear: pass one of gear.attractors()"
+            )
         leaves = np.zeros(step.size, np.bool_)
         decided = np.array([each.kind != "undecided" for each in found.attractors])
         leaves[there] = (found.which[1:] != own) & decided[found.which[1:]]

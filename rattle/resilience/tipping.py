@@ -1,4 +1,4 @@
-"""Find the fate of states when the parameters jump to another point."""
+"""Tipping: the attractors that states reach after a jump of the parameters, by the attractors before the jump."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, sample_of, unit_of
 
-SLOW = 1e-4  # departure of what was at rest, in units of speed
+#: Speed of the departure of a motion that was at rest, in units of `unit_of`.
+SLOW = 1e-4
 
 
 @dataclass(frozen=True)
 class Tipping:
     """The overlap of the basins of one parameter point with those of another.
 
-    before, after: the attractors of both, by falling share. number (before, after): samples that go to one at first and
-    to the other afterwards. goes (before,): the attractor afterwards of a motion that is on each one at first.
+    before, after: the attractors at both points, the largest basin fraction first.
+    number (before, after): the number of samples that are in the basin of one before the jump and of the other after
+    it. goes (before,): for a motion on each attractor before the jump, the index of its attractor after it.
     """
 
     before: tuple[Attractor, ...]
@@ -33,22 +35,22 @@ class Tipping:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """The tipping probability (before, after): the share of a basin that belongs to another afterwards.
+        """The tipping probabilities (before, after): the shares of a basin that belong to each basin after the jump.
 
-        Rows add up to 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
+        Each row adds up to 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
         """
         return np.asarray(self.number / self.number.sum(axis=1, keepdims=True), np.float64)
 
     @property
     def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The ends of the 95 % Wilson intervals of the probabilities."""
+        """The ends of the 95 % Wilson intervals of the tipping probabilities."""
         return wilson_interval(self.number, np.broadcast_to(self.number.sum(axis=1, keepdims=True), self.number.shape))
 
 
 def lift_off(gear: AnyGear) -> tuple[float, float]:
-    """Return a departure of a motion at rest on Σ⁺, hardly faster than 0.
+    """Return a very slow departure that stands for a motion at rest on Σ⁺.
 
-    It is where the contact force vanishes, or would first.
+    Its phase is the one at which the contact force becomes 0, or is least below the quiet limit.
 
     Returns
     -------
@@ -67,15 +69,26 @@ def tipping(
     seed: int = 0,
     states: States = None,
 ) -> Tipping:
-    """Return how a sample of states that is split among the attractors of one gear is split among those of another.
+    """Return the attractors that a sample of states reaches before and after the parameters jump.
 
-    The sample is that of `before.attractors`, or own states (τ, v). Both gears must be of one kind. Raises
-    ParameterError.
+    Parameters
+    ----------
+    before, after : AnyGear
+        The gears at both parameter points, of the same model.
+    count, v_max, seed
+        The sample, as in `before.attractors`.
+    states : States
+        Initial states (τ, v) instead of the sample.
 
     Returns
     -------
     Tipping
-        Numbers of states (before, after) by the attractors of both.
+        The attractors of both gears, and the number of states for each pair of them.
+
+    Raises
+    ------
+    ParameterError
+        If the gears are of different models, or an argument is outside its domain.
     """
     require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)

@@ -1,4 +1,4 @@
-"""The impacting model: walls that do not give way (paper 2.3, 2.4)."""
+"""The impacting model: rigid walls (paper 2.3, 2.4)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Impacting(Model):
     functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
-    compiled_at = 0.089, 0.1, 0.25  # quiet motion beside impacts, beside chaos too, chaos alone
+    compiled_at = 0.089, 0.1, 0.25  # quiet and periodic motions; quiet and chaotic motions; chaotic motions only
 
     def gear(self, delta: float, epsilon: float) -> Gear:
-        """Return the model at one point."""
+        """Return the gear at one point."""
         return Gear(delta, epsilon, self.beta)
 
     def limits(self, delta: float) -> Limits:
@@ -36,5 +36,5 @@ class Impacting(Model):
         return Limits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
-        """Return the points where curves meet."""
+        """Return the codimension-two points, where curves meet."""
         return curves.codimension_two(self.beta)

@@ -24,13 +24,17 @@ RESTITUTION, LOAD = parameters_in(__file__)
 
 
 def _of_machine(load_torque: Any, pair: Any) -> Any:
-    """Load of a torque on the second gear: over that of its drag, both referred to the first."""
-    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite where nothing turns
+    """Return the load: the load torque on the second gear over the drag torque, both referred to the first gear."""
+    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0
 
 
 @dataclass(frozen=True)
 class Inelastic(Model):
-    """The model at half-backlash beta > 0, restitution in (0, 1], load ≥ 0, with these harmonics beside the first."""
+    """The inelastic model.
+
+    beta > 0: the half-backlash. restitution in (0, 1]: the coefficient of restitution. load ≥ 0.
+    harmonics: those of the forcing besides the first one.
+    """
 
     restitution: float = RESTITUTION.example
     load: float = 0.0
@@ -47,39 +51,41 @@ class Inelastic(Model):
     design_gears = 256
     takes_harmonics = True
     one_cosine = frozenset({Capability.PERIOD_ONE})
-    compiled_at = (0.1, 0.25)  # quiet motion beside impacts; contact phases
+    compiled_at = (0.1, 0.25)  # quiet motion and impacts; contact phases
 
     def __post_init__(self) -> None:
-        """Check and convert all numbers."""
-        gear = self.gear(1.0, 0.0)  # checks the numbers
+        """Check and convert all parameters."""
+        gear = self.gear(1.0, 0.0)  # its constructor checks the parameters
         for name in ("beta", "restitution", "load", "harmonics"):
             object.__setattr__(self, name, getattr(gear, name))
 
     @property
     def numbers(self) -> dict[str, float]:
-        """β, and what the model has besides, by name; not its harmonics, which are no numbers."""
+        """The values of β, restitution and load by name; the harmonics are no numbers and are left out."""
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
     def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
-        """Return the model at one point, without what `has` does not list."""
+        """Return the gear at one point, which lacks the capabilities that `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
-        """Return the parameters of points, which broadcast. Raises ParameterError."""
+        """Return the parameters of points; δ and ε are broadcast. Raises ParameterError."""
         return super().at(delta, epsilon).with_harmonics(self.harmonics)
 
     def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
-        """Return the motions A to D. Raises RattleError where the forcing has harmonics."""
+        """Return the motions A to D. Raises RattleError if the forcing has harmonics."""
         if self.harmonics:
-            raise RattleError("A to D and their regions are those of one cosine: leave out the harmonics")
+            raise RattleError(
+                "A to D and their regions are computed for a forcing of one cosine only: leave out the harmonics"
+            )
         return super().period_one(delta, epsilon)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """Return a bifurcation curve in a window: with harmonics the quiet limit only, else RattleError is raised."""
+        """Return a bifurcation curve in a window. Raises RattleError with harmonics, except for the quiet limit."""
         return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
-        """Return the points where curves meet; none are known of a forcing with harmonics."""
+        """Return the codimension-two points; none are computed for a forcing with harmonics."""
         return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
 
     @classmethod

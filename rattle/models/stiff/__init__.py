@@ -1,4 +1,4 @@
-"""The stiff model: elastic walls (paper 2.1, 2.2). The corners that grazes make are smooth folds here."""
+"""The stiff model: elastic walls (paper 2.1, 2.2). At a graze of the impacting gear this one has smooth folds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rattle.stiff.attractors.classifier import StiffClassifier
 
 
 def _of_machine(stiffness: Any, pair: Any) -> Any:
-    """κ of a mesh stiffness (docs/decisions/0025-machine.md)."""
+    """Return κ from a mesh stiffness in N/m (docs/decisions/0025-machine.md)."""
     turned = TWO_PI * pair.radius / pair.speed
     return stiffness * turned * turned / (pair.scale * pair.inertia)
 
@@ -47,18 +47,18 @@ class Stiff(Model):
     functions: ClassVar[Functions] = stiff
     classifier = StiffClassifier
     curve_names = stiff.NAMES
-    tile_samples = 4096  # returns take a hundred times as long
+    tile_samples = 4096  # a return takes a hundred times as long as that of the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # what the others need takes longer
+    compiled_at = (0.1,)  # further cells would take longer than what they compile saves
 
     @property
     def dwell(self) -> float:
-        """Half a period of free motion in contact."""
+        """The duration of a short contact, half a period of free oscillations in contact, in forcing periods."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
-        """Return the model at one point."""
+        """Return the gear at one point."""
         return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
 
     def limits(self, delta: float) -> Limits:

@@ -1,4 +1,4 @@
-"""Theorem about a block of the plane: exact numbers, so that anybody can check it."""
+"""The claims that are proved on blocks of the (δ, ε) plane, and a proved block as an exact JSON document."""
 
 from __future__ import annotations
 
@@ -13,15 +13,20 @@ FORMAT = 1
 
 
 class ClaimedState(StrEnum):
-    """Claim about A, B, C or D."""
+    """What a claim says about one of the motions A, B, C and D."""
 
+    #: No such motion exists.
     NONE = "none"
-    THERE = "there"  # one, and whether it attracts is left open
+    #: Exactly one exists; its stability is not claimed.
+    THERE = "there"
+    #: Exactly one exists, and both of its multipliers are inside the unit circle.
     ATTRACTING = "attracting"
+    #: Exactly one exists, and one of its multipliers is outside the unit circle.
     SADDLE = "saddle"
 
 
 _NONE, _THERE, _ATTRACTING, _SADDLE = ClaimedState
+#: The states of A to D that the claim of each region I to V makes.
 REGIONS = {
     "I": {"A": _NONE, "B": _NONE, "C": _NONE, "D": _NONE},
     "II": {"A": _SADDLE, "B": _NONE, "C": _THERE, "D": _NONE},
@@ -29,22 +34,30 @@ REGIONS = {
     "IV": {"A": _SADDLE, "B": _SADDLE, "C": _THERE, "D": _SADDLE},
     "V": {"A": _SADDLE, "B": _NONE, "C": _NONE, "D": _THERE},
 }
+#: Claims about C or D alone, by the letter of the motion.
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
-#: What a claim says of which motions; of those that it does not name it says nothing.
+#: The state that a claim gives to each motion; a claim says nothing about the motions that are missing here.
 CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},
     **{claim: {letter: _SADDLE} for letter, claim in SADDLE.items()},
     **{claim: {letter: _NONE} for letter, claim in ABSENT.items()},
 }
+#: Claims about quiet running.
 QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captures"
 
 
 @dataclass(frozen=True)
 class ProvedBlock:
-    """A theorem about all δ and ε between these ends, at one β; speed: below it quiet captures, if that is claimed."""
+    """A theorem about all points of a block, edges included.
+
+    claim: a key of CLAIMS, or QUIET, LOUD or CAPTURED.
+    beta: the half-backlash.
+    delta, epsilon: both ends of the block in δ and in ε.
+    speed: with the claim CAPTURED, motions that leave Σ⁺ slower than this become quiet; else None.
+    """
 
     claim: str
     beta: Fraction
@@ -54,11 +67,11 @@ class ProvedBlock:
 
     @property
     def area(self) -> Fraction:
-        """(δ₁ − δ₀)(ε₁ − ε₀)."""
+        """The area of the block, (δ₁ − δ₀)(ε₁ − ε₀)."""
         return (self.delta[1] - self.delta[0]) * (self.epsilon[1] - self.epsilon[0])
 
     def document(self) -> dict[str, object]:
-        """Return the block as a JSON document: every number is text, a decimal or a ratio, and exact."""
+        """Return the block as a JSON document. Each number is text that is exact: a decimal or a ratio."""
         document: dict[str, object] = {
             "format": FORMAT,
             "theorem": "area",

@@ -1,15 +1,9 @@
-"""Below which speed quiet captures, over a piece of the plane.
+"""The speed below which every motion becomes quiet, over a piece of the plane: Lemmas 20 and 21 of docs/proofs.md.
 
-With the time x since some t₀, dx = e^(−δ(t − t₀)) dt, the height y = β − Φ of a bounce obeys y'' = −a(x), where a is
-e^(2δ(t − t₀)) g: no damping is left. If a bounce takes 2h of x, with its middle at x = 0, its speeds m₀ and m₁ and a₀
-and a₁ at its ends give
-
-    ln (m₁³/a₁) − ln (m₀³/a₀) = h³ Q,
-    Q = (a'''/5 − a'a''/3a)/(a + h²a''/6) + 2θ ((a'/3 + h²a'''/30)/(a + h²a''/6))³ − (ln a)'''/3,
-
-where a and a' are in its middle, a'', a''' and (ln a)''' somewhere in it, and θ is from 1 to 1/(1 − z²), z the fraction
-times h.
-In time that is ln (v³/g) changing by h³Q − δs, s ≥ 2h: v³/g falls from bounce to bounce where h²Q < 2δ.
+The proof measures time by x with dx = e^(−δ(t − t₀)) dt. Then the height y = β − Φ of a bounce obeys y'' = −a(x),
+where a = e^(2δ(t − t₀)) g (20.2): there is no damping term. A bounce takes 2h in x. From one impact to the next
+ln(v³/g) changes by h³Q − δs (20.5), where s ≥ 2h is the duration of the bounce and Q is given by (20.4). So v³/g falls
+at each impact if h²Q < 2δ.
 """
 
 from __future__ import annotations
@@ -21,71 +15,74 @@ from rattle.proof.areas.piece import PlanePiece, hull, upper
 from rattle.proof.areas.quiet import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
-PARTS = 128  # of a period
-KEPT = 0.95  # of the damping, at most, is undone: what is left makes v³/g decay
+#: Parts of a forcing period over which the bounds are taken.
+PARTS = 128
+#: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
+KEPT = 0.95
 
 
 def require_captures(piece: PlanePiece, speed: Fraction) -> None:
-    """Raise NotProvedError unless all motions that leave Σ⁺ slower than this, at any phase, become quiet."""
+    """Raise NotProvedError unless it is proved that all motions that leave Σ⁺ below this speed become quiet."""
     share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
-        raise NotProvedError("quiet is not proved to be possible")
+        raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
     mean = 4 * PI() * piece.delta
-    # g = 4πδ γ, γ = 1 − share cos θ; v³/g ≤ invariant from the first bounce on
+    # g = 4πδ γ with γ = 1 − share cos θ; the proof shows v³/g ≤ invariant at every impact
     invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper(share))
     longest = _longest(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
     if not piece.delta * h < 1:
-        raise NotProvedError("bounces may last too long")
+        raise NotProvedError("a bounce may last too long for Lemma 20: claim a smaller speed")
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
         if not h * h * _growth(here, h, piece.delta, share) < 2 * KEPT * piece.delta:
-            raise NotProvedError("a bounce may be higher than the one before")
+            raise NotProvedError("v³/g may grow from one impact to the next: claim a smaller speed")
 
 
 def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """γ and its derivatives by the time since it was least."""
+    """Return γ = g/4πδ and its first three derivatives, a time t after γ is least."""
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
 
 
 def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
-    """Return a bound of all bounces.
+    """Return a bound H such that every bounce returns to Σ⁺ within 2H in the time x, without reaching Σ⁻.
 
-    They return within 2H of x, x from their begin, because there y ≤ x (v − H least g) at 2H; and they are lower than
-    the gap, y ≤ v²/(2 least g).
+    Let v be the speed at which a bounce starts, at x = 0, and "least" the minimum of g during 2H, both in units in
+    which the mean of g is 1. A bounce returns within 2H if v < H · least, because y ≤ x (v − x least/2). It stays lower
+    than y = v²/(2 least).
 
     Returns
     -------
     arb
-        H, above that of every bounce.
+        H, for bounces that start at any phase.
 
     Raises
     ------
     NotProvedError
-        If no bound is found.
+        If no bound is found, or a bounce may reach Σ⁻.
     """
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
         v = upper(invariant * upper(_force(here, share)[0])).root(3)
         h = upper(v / (1 - upper(share))) * (1 + arb(2.0**-10))
-        for _ in range(4):  # the shorter, the less can g be
+        for _ in range(4):  # a shorter bounce sees less of g, so its minimum is larger and the bound H smaller
             time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _force(hull(here, here + time), share)[0].lower()
             if not least > 0:
-                raise NotProvedError("bounces may last too long")
+                raise NotProvedError("g may vanish during a bounce: claim a smaller speed")
             if v < h * least:
                 h = upper(v / least) * (1 + arb(2.0**-20))
         if not (v < h * least and v * v * mean < 4 * piece.beta * least):
-            raise NotProvedError("bounces may last too long, or reach Σ⁻")
+            raise NotProvedError("the duration of a bounce is not bounded, or it may reach Σ⁻: claim a smaller speed")
         longest = h if h > longest else longest
     return longest
 
 
 def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Q of bounces with their middle here and no longer than 2h."""
+    """Return Q (20.4) for all bounces whose middle is in the ball `middle` and which take at most 2h."""
     w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
     a, a1, _, _ = _derivatives(middle, arb(1), delta, share)
@@ -99,7 +96,7 @@ def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a = w²γ and its derivatives by x, where w = e^(δ(t − t₀)) and dt/dx = w."""
+    """Return a = w²γ and its first three derivatives by x, where w = e^(δ(t − t₀)) = dt/dx."""
     g, g1, g2, g3 = _force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

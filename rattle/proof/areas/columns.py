@@ -1,7 +1,8 @@
-"""A plane in columns: of each, the blocks on which claims are proved. Doubles guess where; balls prove it.
+"""Prove the claims on a plane, column by column in δ. Doubles guess where a claim holds; ball arithmetic proves it.
 
-In a column of δ what holds changes with ε at few places, which move with δ. Between the farthest that they come, less a
-margin, the claim is tried as a whole, and where that fails in halves.
+Within a column a claim holds for ε between two boundaries, which depend on δ. The finder takes the ε range that is
+between the boundaries at every δ of the column, leaves a margin at both ends, and tries to prove the claim on the whole
+range; where this fails, on its halves.
 """
 
 from __future__ import annotations
@@ -26,19 +27,28 @@ from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball, precision
 from rattle.proof.certificate import Ends
 
+#: Precision of the balls in bits.
 BITS = 64
-#: Into how many parts a column is cut for the claims of a kind: those on C take little time.
+#: Number of narrower columns into which a column is cut, for each kind of claim. Claims about C take little time.
 CUT = {"region": 1, QUIET: 1, "D": 1, "C": 4}
-MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))  # in ε, from where a claim ends
-CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)  # of the quiet limit
-SLOWED, MOST_SLOWED = Fraction(3, 4), 12  # speeds that are tried, from that of docs/decisions/0003
-ROOM = Fraction(85, 100)  # of what was proved, so that others, who round otherwise, can confirm it
-SEEN, HALVED = 301, 24  # points along ε at which claims are looked for, and how often the steps between are halved
-BESIDE = 1e-6  # relative, of a curve
-PLACES = 6  # of corners in ε
-DEEPEST = 2  # times that the ε of a claim are halved
+#: Distances in ε from the boundary of a claim at which its proof is tried, the smallest first.
+MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
+#: Upper ends of the blocks on which quiet captures, as shares of the quiet limit.
+CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
+#: The capture speed of docs/decisions/0003 is multiplied by SLOWED until the proof succeeds, at most MOST_SLOWED times.
+SLOWED, MOST_SLOWED = Fraction(3, 4), 12
+#: Published share of the proved capture speed, so that programs with other rounding can confirm it.
+ROOM = Fraction(85, 100)
+#: Number of ε at which claims are computed in doubles, and of bisections of each interval in which they change.
+SEEN, HALVED = 301, 24
+#: Relative distance in ε from a bifurcation curve at which claims are computed too.
+BESIDE = 1e-6
+#: Decimals of the ends of a block in ε.
+PLACES = 6
+#: Times that the ε range of a claim is halved.
+DEEPEST = 2
 
-Span = tuple[str, float, float]  # a claim and the ε between which it holds
+Span = tuple[str, float, float]  # (claim, low, high): the claim holds for low < ε < high
 
 
 def columns(delta: Ends, number: int) -> list[Ends]:
@@ -49,7 +59,7 @@ def columns(delta: Ends, number: int) -> list[Ends]:
 
 
 def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
-    """Return the blocks that are proved of a column."""
+    """Return all blocks that are proved in the column `delta` of a plane whose ends in ε are `epsilon`."""
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in CUT.items():
@@ -62,7 +72,7 @@ def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
 
 
 def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
-    """Blocks that end at some shares of the quiet limit, each with a speed below which quiet captures."""
+    """Yield blocks whose upper ends are shares of the quiet limit, each with a proved capture speed."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURED_TO:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))
@@ -82,14 +92,14 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBloc
 
 
 def _within(low: float, high: float, plane: Ends) -> Ends:
-    """Return the same range in few digits, and the edges of the plane exactly."""
+    """Return the range low to high rounded inwards to PLACES decimals; an edge of the plane stays exact."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
 def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
-    """Return the ε of the blocks on which the claim is proved."""
+    """Return the ε ranges within `limits` on which the claim is proved, over all δ of a column."""
 
     def proves(low: Fraction, high: Fraction) -> bool:
         try:
@@ -117,9 +127,9 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
 
 
 def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds, as doubles tell.
+    """Return the spans of ε on which each claim of a kind holds in double precision.
 
-    They hold at both edges and in the middle of a column.
+    A claim holds there at both edges and in the middle of the column.
 
     Returns
     -------
@@ -139,7 +149,7 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
 
 
 def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds, as doubles tell at one δ."""
+    """Return the spans of ε on which each claim of a kind holds in double precision at one δ."""
     grid = _places(delta, beta, epsilon)
     here = _claims(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])
@@ -154,15 +164,16 @@ def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
 
 
 def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
-    """ε in steps, and beside where A and C begin, flip and graze: what lies between may be narrower than a step."""
+    """Return the ε at which claims are computed: equal steps, and points on both sides of the curves of A and C."""
     low, high = (float(end) for end in epsilon)
+    # two of these curves may be closer than a step
     known = [sn1_formula(delta), flip_formula(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
     beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
     return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
 
 
 def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claims of a kind that hold at these points, "" where none does."""
+    """Return the claim of a kind that holds at each point, "" where none holds."""
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

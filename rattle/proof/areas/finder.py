@@ -1,4 +1,4 @@
-"""The finder: whether a claim is proved on a block as a whole."""
+"""The finder proves a claim at all points of a block, by ball arithmetic."""
 
 from __future__ import annotations
 
@@ -12,21 +12,30 @@ from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball
 from rattle.proof.certificate import Ends
 
-DEEPEST = 3  # times that the δ of a block are halved
+#: Times that the δ interval of a block is halved before the proof is given up.
+DEEPEST = 3
 
 
 @dataclass
 class Prover:
-    """Proves claims on blocks at one β; what it finds of B and D at some δ serves all blocks at these δ."""
+    """Prove claims on blocks at one β. The cells of B and D are kept, for all blocks with the same δ interval."""
 
     beta: Fraction
     _cells: dict[Ends, tuple[two_impacts.SolutionCell, two_impacts.SolutionCell]] = field(default_factory=dict)
 
     def require(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-        """Raise NotProvedError unless the claim holds at all points of δ₀ … δ₁, ε₀ … ε₁: as a whole, or of parts."""
+        """Prove that the claim holds at all points with δ and ε in these intervals.
+
+        The block is tried as a whole; where this fails, its halves in δ are tried, down to DEEPEST halvings.
+
+        Raises
+        ------
+        NotProvedError
+            If the claim is not proved.
+        """
         piece = PlanePiece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
         try:
-            self._require_of(piece, claim, delta)
+            self._require_whole(piece, claim, delta)
         except NotProvedError:
             if depth == DEEPEST:
                 raise
@@ -34,34 +43,50 @@ class Prover:
             self.require(claim, (delta[0], middle), epsilon, depth + 1)
             self.require(claim, (middle, delta[1]), epsilon, depth + 1)
 
-    def _require_of(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
+    def _require_whole(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
+        """Raise NotProvedError unless the claim is proved on a piece that is not cut."""
         if claim in (QUIET, LOUD):
             if quiet.possible(piece) is not (claim == QUIET):
-                raise NotProvedError(f"it is not told that {claim}")
+                raise NotProvedError(f"it is not proved that {claim} on the whole block: try a smaller block")
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
-            require_state(letter, states[letter], *_of_one_impact(piece, letter, states[letter]))
+            require_state(letter, states[letter], *_find_one_impact(piece, letter, states[letter]))
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
-                self._cells[delta] = two_impacts.cells(piece)
+                self._cells[delta] = two_impacts.initial_cells(piece)
             runs, state = two_impacts.motions(piece, self._cells[delta], letter), states[letter]
-            told = state not in (ClaimedState.NONE, ClaimedState.THERE) and len(runs) == 1
-            require_state(letter, state, len(runs), two_impacts.attracts(piece, runs[0]) if told else None)
+            claims_stability = state not in (ClaimedState.NONE, ClaimedState.THERE) and len(runs) == 1
+            attracts = two_impacts.attracts(piece, runs[0]) if claims_stability else None
+            require_state(letter, state, len(runs), attracts)
 
 
-def _of_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
-    there = one_impact.exists(piece, letter)
-    if there and state is not ClaimedState.THERE:
+def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
+    """Return how many motions A (or C) exist, and whether the motion attracts; None where undecided or not claimed."""
+    exists = one_impact.exists(piece, letter)
+    if exists and state is not ClaimedState.THERE:
         return 1, one_impact.attracts(piece, letter)
-    return None if there is None else int(there), None
+    return None if exists is None else int(exists), None
 
 
 def require_state(letter: str, state: ClaimedState, number: int | None, attracts: bool | None) -> None:
-    """Raise NotProvedError unless so many motions (None: not told) make this the state."""
+    """Prove the claimed state of the motions with one letter.
+
+    Parameters
+    ----------
+    number : int | None
+        Number of these motions at every point of the block, None if undecided.
+    attracts : bool | None
+        True if the motion is proved to attract, False if it is proved to be a saddle, else None.
+
+    Raises
+    ------
+    NotProvedError
+        If the claimed state is not proved.
+    """
     if number is None:
-        raise NotProvedError(f"it is not told whether {letter} is there")
+        raise NotProvedError(f"it is undecided whether {letter} exists on the block: try a smaller block")
     if number != (state is not ClaimedState.NONE):
-        raise NotProvedError(f"there are {number} motions {letter}, not {state}")
+        raise NotProvedError(f"the block has {number} motions {letter}, which contradicts the claim {str(state)!r}")
     if state in (ClaimedState.ATTRACTING, ClaimedState.SADDLE) and attracts is not (state is ClaimedState.ATTRACTING):
-        raise NotProvedError(f"{letter} is not proved to be {state}")
+        raise NotProvedError(f"{letter} is not proved to be {state} on the whole block: try a smaller block")

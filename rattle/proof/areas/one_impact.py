@@ -1,11 +1,7 @@
-"""A and C, which are P(1,1,0), over a piece of the plane.
+"""A and C, the motions P(1,1,0), over a piece of the plane: equations (15.1) to (15.4) of docs/proofs.md.
 
-They close if v = 2πδ, Y = ε sin 2πτ = 2 − δ coth(δ/2) and X = ε cos 2πτ = ±√(ε² − Y²): − for A, + for C. With E =
-e^(−δ) their height over Σ⁺ after s is
-
-    F(s; δ, X) = 4πs − 4π (1 − e^(−δs))/(1 − E) − X (1 − cos 2πs) − Y sin 2πs,
-
-and they happen if −2β < F < 0 for 0 < s < 1. F falls with X, so each side is looked at for one X alone.
+A motion that closes is admissible if its displacement F(s; δ, X) from Σ⁺, a time s after the impact, satisfies
+−2β < F < 0 for 0 < s < 1. F falls as X grows, so F < 0 is proved for the least X, and F > −2β for the largest.
 """
 
 from __future__ import annotations
@@ -17,32 +13,32 @@ from rattle.proof.balls import PI, arb, arb_series
 
 
 def offset(delta: arb_series) -> arb_series:
-    """−Y = δ coth(δ/2) − 2."""
+    """Return −Y = δ coth(δ/2) − 2, from (15.1)."""
     end = (-delta).exp()
     return delta * (1 + end) / (1 - end) - 2
 
 
 def most_stable(delta: arb_series) -> arb_series:
-    """X where C flips: δ² coth(δ/2)/2π."""
+    """Return the X at which C flips, δ² coth(δ/2)/2π (15.4)."""
     return delta * (offset(delta) + 2) / (2 * PI())
 
 
 def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
-    """F(s; δ, X) and its derivative by δ."""
+    """Return the displacement F(s; δ, X) from Σ⁺ (15.3), as a series in δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
     return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
 
 
 def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
-    """∂F/∂s."""
+    """Return the speed ∂F/∂s over balls of s, δ and X."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
     return 2 * PI() * (driven + offset(arb_series([delta]))[0] * cosine)
 
 
 def exists(piece: PlanePiece, letter: str) -> bool | None:
-    """Return whether A (C) is there at all points of the piece; None if that is not told."""
+    """Return whether the motion A (or C) exists: True (or False) at all points of the piece, None if undecided."""
     y = centred(offset, piece.delta)
     if upper(piece.epsilon) < lower(y):
         return False
@@ -53,32 +49,35 @@ def exists(piece: PlanePiece, letter: str) -> bool | None:
 
 
 def attracts(piece: PlanePiece, letter: str) -> bool | None:
-    """Return whether both multipliers of a motion that is there are inside the unit circle.
+    """Return whether the motion A (or C) attracts, where it exists.
 
     Returns
     -------
     bool | None
-        False if one is outside, None if undecided.
+        True if both multipliers are inside the unit circle at all points of the piece.
+        False if one is outside at all points.
+        None if undecided.
     """
     if letter == "A":
-        return False  # X < 0: its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
+        return False  # X < 0 for A, so its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
     x, limit = cosines(piece, letter, centred(offset, piece.delta)), centred(most_stable, piece.delta)
     return True if upper(x) < lower(limit) else False if lower(x) > upper(limit) else None
 
 
 def cosines(piece: PlanePiece, letter: str, y: arb) -> arb:
-    """X wherever there is one on the piece."""
+    """Return X = ±√(ε² − Y²) over the points of the piece at which ε ≥ |Y|."""
     least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
     return x if letter == "C" else -x
 
 
 def _ends(x: arb) -> tuple[arb, arb]:
+    """Return the lower and the upper end of a ball."""
     return lower(x), upper(x)
 
 
 def _stays(piece: PlanePiece, least: arb, most: arb) -> bool:
-    """Return whether −2β < F < 0 for 0 < s < 1 and all X between these."""
+    """Return whether it is proved that −2β < F < 0 for 0 < s < 1, for all δ of the piece and least ≤ X ≤ most."""
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
@@ -91,9 +90,19 @@ def _stays(piece: PlanePiece, least: arb, most: arb) -> bool:
 
 
 def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
+    """Return whether the proof of `_stays` succeeds for start ≤ s ≤ end.
+
+    F vanishes at s = 0 and s = 1, so next to these ends the sign of ∂F/∂s proves F < 0.
+
+    Returns
+    -------
+    bool
+        False if undecided.
+    """
     s, middle = hull(start, end), (start + end) / 2
 
     def over(x: arb) -> arb:
+        """Return F over start ≤ s ≤ end by the mean value theorem."""
         return centred(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
             s, piece.delta, x
         ) * (s - middle)
@@ -106,13 +115,13 @@ def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) ->
 
 
 def _touches(piece: PlanePiece, least: arb) -> bool:
-    """Return whether F < −2β somewhere, for all X from this one on."""
+    """Return whether it is proved that F < −2β at one time s, for all δ of the piece and all X ≥ least."""
     s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
     return bool(0 < s < 1 and centred(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta)
 
 
 def _lowest(delta: float, x: float) -> float:
-    """About where F is lowest, in doubles: wherever it is, what is found there holds."""
+    """Return about the time s at which F is lowest, in doubles. A bad guess makes no false proof, only none."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

@@ -1,4 +1,4 @@
-"""A piece of the plane in balls, and enclosures over it."""
+"""A piece of the (δ, ε) plane in ball arithmetic, and enclosures of functions over it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_series
 
-FINEST = arb(2.0**-12)  # part of a flight, in periods; what is not told of it counts as not told
+#: Shortest part of a flight that is bisected further, in forcing periods; the flight is undecided if that fails.
+FINEST = arb(2.0**-12)
 
 
 @dataclass(frozen=True)
@@ -20,21 +21,27 @@ class PlanePiece:
 
 
 def lower(x: arb) -> arb:
-    """Return no number of the ball is below this one."""
+    """Return the lower end of a ball; no number of the ball is smaller."""
     return x.lower()
 
 
 def upper(x: arb) -> arb:
-    """Return no number of the ball is above this one."""
+    """Return the upper end of a ball; no number of the ball is larger."""
     return x.upper()
 
 
 def hull(a: arb, b: arb) -> arb:
-    """Return a ball that holds both and all between."""
+    """Return a ball that contains two balls and all numbers between them."""
     return a.union(b)
 
 
 def centred(of: Callable[[arb_series], arb_series], at: arb) -> arb:
-    """Return of(x) over a ball of x, by the mean value theorem: of(middle) + of'(x)(x − middle)."""
+    """Return an enclosure of the function `of` over the ball `at`, by the mean value theorem.
+
+    Returns
+    -------
+    arb
+        of(c) + of'(at) (at − c), where c is the midpoint of `at`.
+    """
     middle = at.mid()
     return of(arb_series([middle]))[0] + of(arb_series([at, 1]))[1] * (at - middle)

@@ -1,4 +1,4 @@
-"""The proved share of a plane, from the blocks' areas: exact sums."""
+"""The share of a plane on which each claim is proved, as exact sums of the areas of blocks."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from fractions import Fraction
 
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 
+#: The statement that every claim of a region I to V proves.
 REGION = "the region"
-#: What holds on which blocks, and on which it is proved not to; elsewhere it is not told.
+#: For each statement the claims that prove it, and the claims that disprove it. It is open on all other points.
 _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "A is there, a saddle": (("II", "III", "IV", "V"), ("I",)),
     "B is there, a saddle": (("III", "IV"), ("I", "II", "V")),
@@ -25,7 +26,12 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Share:
-    """proved: the part of the plane on which it is proved to hold; of_where: at least so much of where it holds."""
+    """The share of a plane on which a statement is proved.
+
+    what: the statement.
+    proved: the proved area over the area of the plane.
+    of_where: a lower bound of the proved area over the area on which the statement holds.
+    """
 
     what: str
     proved: float
@@ -37,20 +43,25 @@ class Share:
 
 
 def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
-    """Return the shares of a plane of this area, one for each claim.
+    """Return the proved share of a plane for each statement.
 
-    Blocks of one claim do not overlap, nor do those of I to V.
+    Parameters
+    ----------
+    blocks : Iterable[ProvedBlock]
+        Blocks in the plane. Blocks with the same claim do not overlap, and blocks of different regions do not overlap.
+    area : Fraction
+        The area of the plane.
 
     Returns
     -------
     list[Share]
-        Exact fractions of the area.
+        The share of REGION, then one share for each other statement.
     """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:
         areas[block.claim] += block.area
-    told = sum((areas[region] for region in REGIONS), Fraction(0))
-    found = [Share(REGION, float(told / area), float(told / area))]
+    regions = sum((areas[region] for region in REGIONS), Fraction(0))
+    found = [Share(REGION, float(regions / area), float(regions / area))]
     for what, (there, absent) in _KINDS.items():
         proved = sum((areas[claim] for claim in there), Fraction(0))
         possible = area - sum((areas[claim] for claim in absent), Fraction(0))

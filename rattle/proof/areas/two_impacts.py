@@ -1,12 +1,11 @@
-"""B and D, which are P(1,1,1), over a piece of the plane.
+"""B and D, the motions P(1,1,1), over a piece of the plane: equations (16.1) to (19.3) of docs/proofs.md.
 
-With the time s from Σ⁺ to Σ⁻, X = ε cos 2πτ, Y = ε sin 2πτ, Y' = Y cos 2πs + X sin 2πs, a = e^(−δs), b = e^(−δ(1−s)), E
-= ab and K = 4π(1 − a)/δ(1 − E), flights of s and 1 − s close to a motion if and only if
+The unknowns are s, the time from the impact on Σ⁺ to the impact on Σ⁻, X = ε cos 2πτ and Y = ε sin 2πτ, where τ is the
+phase of the impact on Σ⁺. The closure equations (16.2) and (16.3) are linear in X and Y, so at given δ, β and s they
+have one solution. The solutions at all s form a curve ε(s). B is a motion where ε falls with s, D one where ε rises.
 
-    Y (1 − 2a + E) + Y' (1 − 2b + E) = 4 (1 − a)(1 − b) − δ (1 − E)
-    K (2 − Y − b (2 − Y')) + X (1 − cos 2πs) + Y sin 2πs = 2β + 4πs.
-
-Both are linear in X and Y: at each δ all solutions are one curve ε(s). B is where ε falls, D where it rises.
+The interval 0 ≤ s ≤ 1 is bisected into cells. Each cell is enclosed over all δ of the piece, until it is proved either
+that it has no motion with an ε of the piece, or that all of its solutions are admissible and ε(s) is monotone.
 """
 
 from __future__ import annotations
@@ -14,73 +13,94 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from itertools import groupby
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from rattle.errors import NotProvedError
 from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower, upper
 from rattle.proof.balls import PI, arb, arb_series
 
-NARROWEST = 2.0**-20  # cell of s
-
+#: Width in s below which a cell is not halved again.
+NARROWEST = 2.0**-20
+#: Sign of dε/ds along the solutions that are motions B or D.
+SLOPE_SIGN = {"B": -1, "D": 1}
 
 Number = TypeVar("Number", arb, arb_series)
-RISES = {"B": -1, "D": 1}  # ε with s
-Row = tuple[arb_series, arb_series, arb_series]
-Solution = tuple[arb, arb]
+Equation = tuple[arb_series, arb_series, arb_series]
 
 
-def rows(s: arb_series, delta: arb_series, beta: arb) -> tuple[Row, Row]:
-    """Return the equations, each as the factors of X and of Y and what they add up to."""
+class Enclosed(NamedTuple):
+    """Several functions of (s, δ), enclosed over a cell by the mean value theorem.
+
+    centre: the values at the centre of the cell.
+    by_s, by_delta: the partial derivatives, over the whole cell.
+    over: the values over the whole cell.
+    """
+
+    centre: list[arb]
+    by_s: list[arb]
+    by_delta: list[arb]
+    over: list[arb]
+
+
+def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equation, Equation]:
+    """Return the equations (16.2) and (16.3), each as (factor of X, factor of Y, right side)."""
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
-    down, up, k = 1 - 2 * a + end, 1 - 2 * b + end, 4 * PI() * (1 - a) / (delta * (1 - end))
+    down, up = 1 - 2 * a + end, 1 - 2 * b + end
+    k = 4 * PI() * (1 - a) / (delta * (1 - end))  # (16.1)
     first = up * sine, down + up * cosine, 4 * (1 - a) * (1 - b) - delta * (1 - end)
     second = 1 - cosine + k * b * sine, sine - k + k * b * cosine, 2 * beta + 4 * PI() * s - 2 * k * (1 - b)
     return first, second
 
 
 def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """Return v after Σ⁺ and u after Σ⁻."""
+    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, by (16.4) to (16.7)."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
-    p, q = 4 * PI() * (2 - y - b * (2 - later)) / lost, 4 * PI() * (2 - later - a * (2 - y)) / lost
-    return p - 4 * PI() + 2 * PI() * y, 4 * PI() - 2 * PI() * later - q
+    p = 4 * PI() * (2 - y - b * (2 - later)) / lost
+    q = 4 * PI() * (2 - later - a * (2 - y)) / lost
+    v = p - 4 * PI() + 2 * PI() * y
+    u = 4 * PI() - 2 * PI() * later - q
+    return v, u
 
 
-def room_series(s: arb_series, delta: arb_series, found: Sequence[arb_series]) -> list[arb_series]:
-    """Return 1 + E − T and 1 + E + T, both times uv/2, of the trace T of two impacts.
+def margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_series]) -> list[arb_series]:
+    """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, by (19.2) and (19.3).
 
-    T = 1 + E − S(k₀ + k₁) + S₀S₁k₀k₁ with k = 2g/v and −2g/u, where S = (1 − E)/δ, S₀ = (1 − a)/δ and S₁ = (1 − b)/δ.
+    Parameters
+    ----------
+    solution : Sequence[arb_series]
+        X, Y, v and u.
 
     Returns
     -------
     list[arb_series]
-        Both series.
+        Both margins; the motion attracts if and only if both are positive.
     """
-    x, y, v, u = found
+    x, y, v, u = solution
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
-    at_top = series_force(delta, x, y)
-    at_bottom = series_force(delta, x * cosine - y * sine, y * cosine + x * sine)
-    mixed = (1 - end) * (at_top * u - at_bottom * v) / delta
-    both = 2 * (1 - a) * (1 - b) * at_top * at_bottom / (delta * delta)
-    return [mixed + both, (1 + end) * u * v - mixed - both]
+    force_plus = contact_force(delta, x, y)
+    force_minus = contact_force(delta, x * cosine - y * sine, y * cosine + x * sine)
+    linear = (1 - end) * (force_plus * u - force_minus * v) / delta
+    product = 2 * (1 - a) * (1 - b) * force_plus * force_minus / (delta * delta)
+    return [linear + product, (1 + end) * u * v - linear - product]
 
 
-def series_force(delta: Number, cosine: Number, sine: Number) -> Number:
-    """Return g where ε cos 2πt and ε sin 2πt are these."""
+def contact_force(delta: Number, cosine: Number, sine: Number) -> Number:
+    """Return the contact force g at a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return 4 * PI() * delta - 4 * PI() ** 2 * cosine - 2 * PI() * delta * sine
 
 
-def solve_series(factors: Sequence[Sequence[arb]], sums: Sequence[arb]) -> Solution:
-    """X and Y, by Cramer's rule."""
-    (a11, a12), (a21, a22) = factors
+def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
+    """Return [X, Y] that solves two equations (factor of X, factor of Y, right side), by Cramer's rule."""
+    (a11, a12, b1), (a21, a22, b2) = first, second
     determinant = a11 * a22 - a12 * a21
-    return (sums[0] * a22 - a12 * sums[1]) / determinant, (a11 * sums[1] - a21 * sums[0]) / determinant
+    return [(b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant]
 
 
 class SolutionCell:
-    """Cell of all solutions with s between two numbers, over all δ and at the β of a piece."""
+    """The solutions of the closure equations with start ≤ s ≤ end, over all δ and at the β of a piece."""
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
@@ -88,284 +108,322 @@ class SolutionCell:
 
     @cached_property
     def halves(self) -> tuple[SolutionCell, SolutionCell]:
-        """Return both halves of the cell."""
+        """Return the two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST."""
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
-            raise NotProvedError(f"about s = {float(middle):.4f} it is not told which motions of two impacts there are")
+            raise NotProvedError(
+                f"near s = {float(middle):.4f} a cell of width {NARROWEST:.0e} does not decide which motions B or D "
+                "exist: try a smaller block"
+            )
         return self.between(self.start, middle), self.between(middle, self.end)
 
     def between(self, start: arb, end: arb) -> SolutionCell:
-        """Return another cell, between these s, at the same δ."""
+        """Return the cell start ≤ s ≤ end at the same δ and β."""
         return SolutionCell(start, end, self.delta, self.beta)
 
-    @cached_property
-    def system(self) -> tuple[list[list[arb]], ...]:
-        """The rows in the middle, their derivatives by s and by δ, and the rows, over the cell."""
-        s, delta, beta = self.s, self.delta, self.beta
-        middle = rows(arb_series([s.mid()]), arb_series([delta.mid()]), beta)
-        by_s = rows(arb_series([s, 1]), arb_series([delta]), beta)
-        by_delta = rows(arb_series([s]), arb_series([delta, 1]), beta)
-        found = [[each[0] for each in row] for row in middle]
-        changes = [[[each[1] for each in row] for row in two] for two in (by_s, by_delta)]
-        return found, *changes, [self._moved(*three) for three in zip(found, *changes, strict=True)]
-
-    def _moved(self, middle: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
-        """Return enclosures over the cell by the mean value theorem, from the middle and the derivatives by s and δ."""
+    def _mean_value(self, centre: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
+        """Return enclosures over the cell from values at its centre and derivatives over the cell."""
         ds, dd = self.s - self.s.mid(), self.delta - self.delta.mid()
-        return [m + f * ds + g * dd for m, f, g in zip(middle, by_s, by_delta, strict=True)]
+        return [m + f * ds + g * dd for m, f, g in zip(centre, by_s, by_delta, strict=True)]
 
     @cached_property
-    def least(self) -> arb:
-        """No solution has an ε below this: |b| ≤ ε √(a² + a'²) for each row."""
-        bounds = [b.abs_lower() / (a.abs_upper() ** 2 + c.abs_upper() ** 2).sqrt() for a, c, b in self.system[3]]
+    def equations(self) -> tuple[Enclosed, Enclosed]:
+        """The equations (16.2) and (16.3), each as enclosures of (factor of X, factor of Y, right side)."""
+        s, delta, beta = self.s, self.delta, self.beta
+        at_centre = closure_equations(arb_series([s.mid()]), arb_series([delta.mid()]), beta)
+        along_s = closure_equations(arb_series([s, 1]), arb_series([delta]), beta)
+        along_delta = closure_equations(arb_series([s]), arb_series([delta, 1]), beta)
+        first, second = (
+            ([term[0] for term in centre], [term[1] for term in by_s], [term[1] for term in by_delta])
+            for centre, by_s, by_delta in zip(at_centre, along_s, along_delta, strict=True)
+        )
+        return Enclosed(*first, self._mean_value(*first)), Enclosed(*second, self._mean_value(*second))
+
+    @cached_property
+    def least_epsilon(self) -> arb:
+        """Return a lower bound of ε for all solutions of the cell, by (16.8)."""
+        bounds = []
+        for equation in self.equations:
+            factor_x, factor_y, right = equation.over
+            bounds.append(right.abs_lower() / (factor_x.abs_upper() ** 2 + factor_y.abs_upper() ** 2).sqrt())
         return max((lower(bound) for bound in bounds), key=float)
 
     @cached_property
-    def solution(self) -> tuple[list[arb], ...]:
-        """X, Y, v and u, and their derivatives by s and by δ, over the cell; they in the middle."""
-        middle, by_s, by_delta, found = self.system
-        factors = [row[:2] for row in found]
-        x, y = solve_series(factors, [row[2] for row in found])
-        changes = []
-        for derived in (by_s, by_delta):  # of A(X, Y) = b: A(X', Y') = b' − A'(X, Y)
-            changes.append(solve_series(factors, [b - a * x - c * y for a, c, b in derived]))
-        centre = solve_series([row[:2] for row in middle], [row[2] for row in middle])
-        x, y = self._moved(centre, *changes)
-        s, delta, (xs, ys), (xd, yd) = self.s, self.delta, *changes
-        vs, us = (
-            z[1]
-            for z in speed_series(arb_series([s, 1]), arb_series([delta]), arb_series([x, xs]), arb_series([y, ys]))
+    def solution(self) -> Enclosed:
+        """The solution X, Y of the closure equations, and its speeds v and u, as enclosures of (X, Y, v, u)."""
+        first, second = self.equations
+        rough = solve_linear(first.over, second.over)
+        # the derivative of A (X, Y) = b is A (X, Y)' = b' − A' (X, Y)
+        xy_s, xy_delta = (
+            solve_linear(
+                *(
+                    [*equation.over[:2], right - factor_x * rough[0] - factor_y * rough[1]]
+                    for equation, (factor_x, factor_y, right) in zip(self.equations, derivatives, strict=True)
+                )
+            )
+            for derivatives in ((first.by_s, second.by_s), (first.by_delta, second.by_delta))
         )
-        vd, ud = (
-            z[1]
-            for z in speed_series(arb_series([s]), arb_series([delta, 1]), arb_series([x, xd]), arb_series([y, yd]))
+        xy_centre = solve_linear(first.centre, second.centre)
+        xy = self._mean_value(xy_centre, xy_s, xy_delta)
+
+        s, delta = self.s, self.delta
+        xy_along_s = (arb_series([value, slope]) for value, slope in zip(xy, xy_s, strict=True))
+        xy_along_delta = (arb_series([value, slope]) for value, slope in zip(xy, xy_delta, strict=True))
+        speeds_s = [speed[1] for speed in speed_series(arb_series([s, 1]), arb_series([delta]), *xy_along_s)]
+        speeds_delta = [speed[1] for speed in speed_series(arb_series([s]), arb_series([delta, 1]), *xy_along_delta)]
+        at_centre = (arb_series([number]) for number in (s.mid(), delta.mid(), *xy_centre))
+        speeds_centre = [speed[0] for speed in speed_series(*at_centre)]
+        speeds = self._mean_value(speeds_centre, speeds_s, speeds_delta)
+        return Enclosed(
+            centre=[*xy_centre, *speeds_centre],
+            by_s=[*xy_s, *speeds_s],
+            by_delta=[*xy_delta, *speeds_delta],
+            over=[*xy, *speeds],
         )
-        v, u = (z[0] for z in speed_series(*(arb_series([z]) for z in (s.mid(), delta.mid(), *centre))))
-        speed = self._moved((v, u), (vs, us), (vd, ud))
-        return [x, y, *speed], [xs, ys, vs, us], [xd, yd, vd, ud], [*centre, v, u]
 
     @cached_property
     def solvable(self) -> bool:
-        """True if the equations have one solution throughout, and it is enclosed."""
-        (a11, a12, _), (a21, a22, _) = self.system[3]
-        return not (a11 * a22 - a12 * a21).contains(0) and all(x.is_finite() for each in self.solution for x in each)
+        """True if the closure equations are proved to have one solution at each s and δ, with finite enclosures."""
+        (a11, a12, _), (a21, a22, _) = (equation.over for equation in self.equations)
+        regular = not (a11 * a22 - a12 * a21).contains(0)
+        return regular and all(number.is_finite() for numbers in self.solution for number in numbers)
 
     @cached_property
-    def rise(self) -> arb:
-        """∂ε²/∂s."""
-        (x, y, *_), (xs, ys, *_), *_ = self.solution
-        return 2 * (x * xs + y * ys)
+    def square_by_s(self) -> arb:
+        """The derivative ∂ε²/∂s over the cell, where ε² = X² + Y²."""
+        (x, y, *_), (x_s, y_s, *_) = self.solution.over, self.solution.by_s
+        return 2 * (x * x_s + y * y_s)
 
     @cached_property
-    def moves(self) -> arb:
-        """∂ε²/∂δ."""
-        (x, y, *_), _, (xd, yd, *_), _ = self.solution
-        return 2 * (x * xd + y * yd)
+    def square_by_delta(self) -> arb:
+        """The derivative ∂ε²/∂δ over the cell."""
+        (x, y, *_), (x_delta, y_delta, *_) = self.solution.over, self.solution.by_delta
+        return 2 * (x * x_delta + y * y_delta)
 
     @cached_property
     def square(self) -> arb:
-        """ε²."""
-        x, y, *_ = self.solution[3]
-        return self._moved([x * x + y * y], [self.rise], [self.moves])[0]
+        """The square ε² over the cell."""
+        x, y, *_ = self.solution.centre
+        return self._mean_value([x * x + y * y], [self.square_by_s], [self.square_by_delta])[0]
 
-    def mixed(self, sign: int, share: float) -> arb:
-        """± ε² + share u, as one: both change with s and δ, the sum may not."""
-        _, (*_, us), (*_, ud), (x, y, _, u) = self.solution
-        parts = (sign * (x * x + y * y) + share * u, sign * self.rise + share * us, sign * self.moves + share * ud)
-        return self._moved(*([part] for part in parts))[0]
+    def combination(self, sign: int) -> arb:
+        """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
+        x, y, _, u = self.solution.centre
+        u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
+        factor = max(0.0, -sign * float(self.square_by_s.mid()) / float(u_s.mid()))
+        centre = sign * (x * x + y * y) + factor * u
+        by_s = sign * self.square_by_s + factor * u_s
+        by_delta = sign * self.square_by_delta + factor * u_delta
+        return self._mean_value([centre], [by_s], [by_delta])[0]
 
-    def share(self, sign: int) -> float:
-        """Return one with which the sum changes little with s, not below 0."""
-        return max(0.0, -sign * float(self.rise.mid()) / float(self.solution[1][3].mid()))
-
-    def empty(self, epsilon: arb) -> bool:
-        """Return whether no motion with these ε is in the cell.
-
-        It is empty where v > 0, u > 0 and ε between both nowhere hold together.
+    def has_no_motion(self, epsilon: arb) -> bool:
+        """Return whether it is proved that no solution of the cell with v > 0 and u > 0 has an ε in this ball.
 
         Returns
         -------
         bool
-            False means that a motion may be there.
+            False if such a solution may exist.
         """
-        if self.least > epsilon:
+        if self.least_epsilon > epsilon:
             return True
         if not self.solvable:
             return False
-        _, _, v, u = self.solution[0]
+        _, _, v, u = self.solution.over
         low, high = squares(epsilon)
         if v < 0 or u < 0 or self.square < low or self.square > high:
             return True
-        return bool(self.mixed(1, self.share(1)) < low or self.mixed(-1, self.share(-1)) < -high)
+        # where u ≥ 0, ±ε² ≤ ±ε² + λu
+        return bool(self.combination(1) < low or self.combination(-1) < -high)
 
-    def holds(self, letter: str, epsilon: arb) -> bool | None:
-        """Return whether all solutions with these ε are of this letter and happen.
+    def all_are(self, letter: str, epsilon: arb) -> bool | None:
+        """Return whether all solutions of the cell with an ε in this ball are admissible motions B (or D).
 
         Returns
         -------
         bool | None
-            False if none of them is and does, None if undecided.
+            True if all are; then ε(s) is strictly monotone on the cell.
+            False if none is: the cell has no motion with such an ε, or its motions are of the other letter.
+            None if undecided.
         """
-        if self.empty(epsilon) or (self.solvable and -RISES[letter] * self.rise > 0):
+        if self.has_no_motion(epsilon):
             return False
-        if not self.solvable or not (RISES[letter] * self.rise > 0 and self.solution[0][2] > 0):
+        if not self.solvable:
+            return None
+        slope = SLOPE_SIGN[letter] * self.square_by_s
+        if slope < 0:
+            return False
+        if not (slope > 0 and self.solution.over[2] > 0):
             return None
         low, high = squares(epsilon)
-        hits = self.solution[0][3] > 0  # or u ≤ 0 is only beyond these ε
-        hits = hits or self.mixed(1, self.share(1)) > high or self.mixed(-1, self.share(-1)) > -low
-        return True if hits and self.flies else None
+        reaches_sigma_minus = self.solution.over[3] > 0
+        # or ε is outside the ball wherever u ≤ 0, since ±ε² ≥ ±ε² + λu there
+        reaches_sigma_minus = reaches_sigma_minus or self.combination(1) > high or self.combination(-1) > -low
+        return True if reaches_sigma_minus and self.is_monotone_between_impacts else None
 
     @cached_property
-    def flies(self) -> bool:
-        """True if Φ falls all the way to Σ⁻ and rises all the way back: e^(δt) Φ' is monotone where g has a sign."""
-        return self._keeps(-1, arb(0), lower(self.s)) and self._keeps(1, upper(self.s), arb(1))
+    def is_monotone_between_impacts(self) -> bool:
+        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back (Lemma 18)."""
+        falls = self._slope_has_sign(-1, arb(0), lower(self.s))
+        return falls and self._slope_has_sign(1, upper(self.s), arb(1))
 
-    def _keeps(self, sign: int, start: arb, end: arb) -> bool:
-        """Return whether Φ' has this sign from Σ⁺ (start 0) to s, or from s to Σ⁺ (end 1); the ends have it."""
+    def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
+        """Return whether Φ' is proved to have this sign from start to end, times after the impact on Σ⁺."""
+        # Φ' has the sign at the impacts themselves, which are the ends of each flight: v > 0 and u > 0
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
-            if not self._keeps_in(sign, low, high):
+            if not self._slope_has_sign_on_part(sign, low, high):
                 if high - low < FINEST:
                     return False
                 middle = (low + high) / 2
                 parts += [(low, middle), (middle, high)]
         return True
 
-    def _keeps_in(self, sign: int, low: arb, high: arb) -> bool:
+    def _slope_has_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
+        """Return whether Φ' is proved to have this sign on the part of a flight between two times."""
+        # the impact on Σ⁻ is at any s of the cell, so a part that ends or begins there contains all of them
         lower_s, upper_s = lower(self.s), upper(self.s)
         t = hull(low, upper_s if high == lower_s else high)
         t = hull(lower_s, t) if low == upper_s else t
-        force, at = sign * self.force(t), self.slope
-        if force > 0:  # M grows in size: what it is at the begin is enough
-            return low in (0, upper_s) or bool(sign * at(low, sign) > 0)
-        if force < 0:
-            return high in (1, lower_s) or bool(sign * at(high, sign) > 0)
-        return bool(sign * at(t, sign) > 0)
+        force = sign * self.force(t)
+        if force > 0:  # sign · e^(δt) Φ' grows, so its sign at the start of the part is enough
+            starts_at_impact = low in (0, upper_s)
+            return starts_at_impact or bool(sign * self.slope(low, sign) > 0)
+        if force < 0:  # sign · e^(δt) Φ' falls, so its sign at the end of the part is enough
+            ends_at_impact = high in (1, lower_s)
+            return ends_at_impact or bool(sign * self.slope(high, sign) > 0)
+        return bool(sign * self.slope(t, sign) > 0)
 
     def force(self, t: arb) -> arb:
-        """Return g at the time t after Σ⁺."""
-        x, y, *_ = self.solution[0]
+        """Return the contact force g at the time t after the impact on Σ⁺."""
+        x, y, *_ = self.solution.over
         sine, cosine = (2 * t).sin_cos_pi()
-        return series_force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
+        return contact_force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
-        """Φ' at the time t after Σ⁺, on the flight down (−1) or up (1), from where it begins."""
-        x, y, v, u = self.solution[0]
-        since, start = (self.s, u) if sign > 0 else (arb(0), -v)
+        """Return Φ' at the time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
+        x, y, v, u = self.solution.over
+        departure, start = (self.s, u) if sign > 0 else (arb(0), -v)
         sine, cosine = (2 * t).sin_cos_pi()
-        sine0, cosine0 = (2 * since).sin_cos_pi()
+        sine0, cosine0 = (2 * departure).sin_cos_pi()
         swing = 2 * PI() * ((y * cosine + x * sine) - (y * cosine0 + x * sine0))
         rest = 4 * PI() - 2 * PI() * (y * cosine0 + x * sine0) - start
-        return start - swing - rest * (-self.delta * (t - since)).expm1()
+        return start - swing - rest * (-self.delta * (t - departure)).expm1()
 
     @cached_property
-    def room(self) -> list[arb]:
-        """Margins of the trace T: 1 + E − T, 1 + E + T, both times uv/2."""
-        here, by_s, by_delta, middle = self.solution
-        s, delta = self.s, self.delta
-        along_s = [arb_series([x, dx]) for x, dx in zip(here, by_s, strict=True)]
-        along_delta = [arb_series([x, dx]) for x, dx in zip(here, by_delta, strict=True)]
-        fixed = room_series(arb_series([s.mid()]), arb_series([delta.mid()]), [arb_series([x]) for x in middle])
-        moved_s = room_series(arb_series([s, 1]), arb_series([delta]), along_s)
-        moved_delta = room_series(arb_series([s]), arb_series([delta, 1]), along_delta)
-        return self._moved([x[0] for x in fixed], [x[1] for x in moved_s], [x[1] for x in moved_delta])
+    def margins(self) -> list[arb]:
+        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2 over the cell, for the trace T."""
+        solution, s, delta = self.solution, self.s, self.delta
+        along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
+        along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
+        at_centre = [arb_series([x]) for x in solution.centre]
+        centre = margin_series(arb_series([s.mid()]), arb_series([delta.mid()]), at_centre)
+        by_s = margin_series(arb_series([s, 1]), arb_series([delta]), along_s)
+        by_delta = margin_series(arb_series([s]), arb_series([delta, 1]), along_delta)
+        return self._mean_value([x[0] for x in centre], [x[1] for x in by_s], [x[1] for x in by_delta])
 
     @property
     def attracts(self) -> bool | None:
-        """True if both multipliers are inside the unit circle (else one is outside); None if undecided."""
-        above, below = self.room
+        """True if both multipliers of all solutions are inside the unit circle; False if one is outside; else None."""
+        above, below = self.margins
         if above < 0 or below < 0:
             return False
         return True if above > 0 and below > 0 else None
 
 
 def squares(epsilon: arb) -> tuple[arb, arb]:
-    """Return the least and the largest ε²; a ball about numbers from 0 on may begin below."""
+    """Return the least and the largest ε² in a ball of ε ≥ 0, whose lower end rounding may have made negative."""
     least = lower(epsilon)
     return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
 
 
-def cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
-    """Return all s, at the δ of a piece."""
+def initial_cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
+    """Return the cells 0 ≤ s ≤ ½ and ½ ≤ s ≤ 1 at the δ of a piece, with which the bisection begins."""
     return SolutionCell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
-def motions(piece: PlanePiece, all_s: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
-    """Return all B (D) that there are at each point of the piece, each by the cells that it is in.
+def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
+    """Return all motions B (or D) that exist at every point of the piece.
+
+    Parameters
+    ----------
+    cells : tuple[SolutionCell, SolutionCell]
+        The cells of `initial_cells`, with what is known of them already.
+    letter : str
+        "B" or "D".
 
     Returns
     -------
     list[list[SolutionCell]]
-        A list of neighbouring cells for each motion.
+        For each motion the neighbouring cells in which it is.
 
     Raises
     ------
     NotProvedError
-        If their number is not certain.
+        If the number of motions is not the same, and proved, over the whole piece.
     """
-    told: list[tuple[bool, SolutionCell]] = []
-    waiting = list(reversed(all_s))
+    decided: list[tuple[bool, SolutionCell]] = []
+    waiting = list(reversed(cells))
     while waiting:
         cell = waiting.pop()
-        here = cell.holds(letter, piece.epsilon)
-        if here is None:
+        answer = cell.all_are(letter, piece.epsilon)
+        if answer is None:
             waiting += reversed(cell.halves)
         else:
-            told.append((here, cell))
-    if told[0][0] or told[-1][0]:
-        raise NotProvedError("a family of motions of two impacts may not end")
-    runs = [[cell for _, cell in group] for here, group in groupby(told, lambda each: each[0]) if here]
-    return [run for run in runs if _crosses(piece, run, RISES[letter])]
+            decided.append((answer, cell))
+    if decided[0][0] or decided[-1][0]:
+        raise NotProvedError(f"motions {letter} are not excluded at s = 0 and s = 1: try a smaller block")
+    runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
+    return [run for run in runs if _crosses(piece, run, letter)]
 
 
 def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
-    """Return whether both multipliers are inside the unit circle wherever in these cells a motion is.
+    """Return whether the motion in a run of cells attracts at every point of the piece.
 
     Returns
     -------
     bool
-        True if both are inside, False if one is outside everywhere.
+        True if both multipliers are inside the unit circle, False if one is outside, at every point.
 
     Raises
     ------
     NotProvedError
-        If it is undecided.
+        If the stability is undecided or changes within the piece.
     """
     verdicts, waiting = set(), list(run)
     while waiting:
         cell = waiting.pop()
-        if not cell.empty(piece.epsilon):
+        if not cell.has_no_motion(piece.epsilon):
             verdict = cell.attracts
             if verdict is None:
                 waiting += cell.halves
             else:
                 verdicts.add(verdict)
         if len(verdicts) > 1:
-            raise NotProvedError("a motion of two impacts attracts in one part and not in another")
+            raise NotProvedError("a motion of two impacts changes its stability within the block: try a smaller block")
     return True in verdicts
 
 
-def _crosses(piece: PlanePiece, run: list[SolutionCell], rises: int) -> bool:
-    """Return whether ε(s), which is monotone over these cells, takes each ε of the piece once there.
+def _crosses(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
+    """Return whether ε(s), monotone over a run of cells, takes each ε of the piece exactly once.
 
-    At their ends it takes none at any δ of the piece, because the cells beyond are empty: so one δ tells on which side
-    it is.
+    The neighbours of the run have no motion with an ε of the piece. So at both ends of the run ε(s) is outside the ε
+    range of the piece at every δ, and by continuity on the same side of it at every δ: one δ decides the side.
 
     Returns
     -------
     bool
-        False if it takes none of them.
+        False if ε(s) takes no ε of the piece.
 
     Raises
     ------
     NotProvedError
-        If it is undecided.
+        If the side is undecided at one end.
     """
     (low, high), sides = squares(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
         square = SolutionCell(s, s, piece.delta.mid(), piece.beta).square
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
-        raise NotProvedError("it is not told where a family of motions of two impacts ends")
-    return sides == [-rises, rises]
+        raise NotProvedError(f"it is undecided where the solutions {letter} leave the block: try a smaller block")
+    return sides == [-SLOPE_SIGN[letter], SLOPE_SIGN[letter]]

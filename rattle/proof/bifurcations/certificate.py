@@ -1,4 +1,4 @@
-"""Theorem about one point of a bifurcation curve: exact numbers, so that anybody can check it."""
+"""The certificate of a point of a bifurcation curve: a theorem in exact numbers, which other programs can check."""
 
 from __future__ import annotations
 
@@ -16,12 +16,18 @@ WORDS = {Kind.SADDLE_NODE: "saddle-node", Kind.FLIP: "flip", Kind.GRAZING: "graz
 
 @dataclass(frozen=True)
 class BifurcationCertificate:
-    """A theorem about a point of the plane, at exact known parameters.
+    """A theorem about a point of a bifurcation curve in the (δ, ε) plane.
 
-    The others lie between the ends `solved`. There a motion meets its walls at times that are within radius of these
-    (n,), and no others, and has the multiplier 1 (kind "SN") or −1 ("PD"), or touches a wall with speed 0 at the impact
-    of this number ("GR"). It is a regular zero of equations for all this, so alone near by. name: of the curve, or of
-    the point of codimension two.
+    At the `known` parameters, and at values of the other parameters between the ends `solved`, a motion meets its walls
+    at times within `radius` of `times`, and meets no other walls. It has the multiplier 1 (kind "SN") or −1 ("PD"), or
+    the speed of one of its impacts is 0 ("GR"). This motion is a regular zero of its equations (Lemma 10 of
+    docs/proofs.md), so it is the only one near by.
+
+    name: the name of the curve or of the codimension-two point, or the kind.
+    motion: walls, forcing periods, kind and grazing impact.
+    known: exact parameters. solved: both ends of each other parameter.
+    times, radius: the centres (n,) and the half-width of the box of the impacts' times.
+    versions: versions of the programs that made the certificate.
     """
 
     name: str
@@ -33,18 +39,18 @@ class BifurcationCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the theorem in one sentence."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.known.items())
         found = ", ".join(f"{name} = {float(sum(ends) / 2):.16g}" for name, ends in self.solved.items())
         return f"{self.name} at {where}: a {WORDS[self.motion.kind]} at {found}"
 
     @property
     def width(self) -> Fraction:
-        """Width of the widest enclosure of a parameter."""
+        """The width of the widest interval in `solved`."""
         return max(high - low for low, high in self.solved.values())
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
+        """Return the certificate as a JSON document. Each number that is no integer is text: a decimal or a ratio."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,

@@ -1,8 +1,11 @@
-"""Conditions at the points where C grazes Σ⁻ and curves meet, COD20 to COD23.
+"""The conditions of the codimension-two points COD20 to COD23, at which C grazes Σ⁻ and two curves meet.
 
-With X = ε cos 2πτ, s the time from the departure to the graze and E = e^(−δ), the trace of C is
-1 + E − 4π (1 − E) X/δ². At COD23 it is det J(1) + det J(−1) = 0 of the motion that makes the impact
-(`rattle.impacting.bifurcations`), which where it grazes says ∂(w₀ + w₁)/∂τ = 0.
+Notation: X = ε cos 2πτ; s is the time from the departure from Σ⁺ to the graze; E = e^(−δ). The trace of C is
+T = 1 + E − 4π (1 − E) X/δ² (Lemma 9 of docs/proofs.md).
+
+COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E.
+COD23: ∂(w₀ + w₁)/∂τ = 0, the form at the graze of det J(1) + det J(−1) = 0 for the motion that makes the impact
+(`rattle.impacting.bifurcations`).
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ def _born(_delta: Series, x: Series, _s: Series, _end: Series) -> Series:
 
 
 Condition = Callable[[Series, Series, Series, Series], Series]
-#: What vanishes, besides, of (δ, X, s, E).
+#: For each point the function of (δ, X, s, E) that is 0 there, besides the equations of the graze.
 CONDITIONS: dict[str, Condition] = {
     "COD20": _flip,
     "COD21": _equal_multipliers,

@@ -1,4 +1,4 @@
-"""Points of bifurcation curves, from numbers to theorems."""
+"""Prove points of bifurcation curves: from computed points to certificates."""
 
 from __future__ import annotations
 
@@ -25,36 +25,46 @@ from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import LONG, require_least_period
 from rattle.proof.krawczyk import enclosed
 
-#: A published enclosure is wider than the ball by so many of its widths, and by this much: others round otherwise.
-ROOM, LEAST = 10**4, Fraction(1, 10**20)
-SAME_PLACE = 1e-9  # relative: a point farther from the curve than rounding leaves it is not on it
+#: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
+ROOM = 10**4
+#: Least amount by which a published enclosure is wider than its ball.
+LEAST = Fraction(1, 10**20)
+#: Largest relative distance between a given point and the curve that rounding can explain.
+SAME_PLACE = 1e-9
 
 
 def certify_curve_point(
     name: str, delta: Exact, epsilon: Exact, beta: Exact = "0.6", motion: tuple[float, float] | None = None
 ) -> BifurcationCertificate:
-    """Prove a point of a bifurcation curve of the period-one motions (`rattle.curves`), near (δ, ε).
+    """Prove that a point of a bifurcation curve of the period-one motions (`rattle.curves`) is near (δ, ε).
 
-    Of δ and ε the one along which the curve runs is taken as that very number, the other is enclosed. Needs the extra
-    `proof`. Raises ParameterError, and NotProvedError where no proof was found or no point of the curve is that close.
-    Source: docs/proofs.md.
+    One of δ and ε is taken as exact: the one that changes more along the curve. The other one is enclosed. The extra
+    `proof` is needed. The method is in docs/proofs.md.
 
     Parameters
     ----------
+    name : str
+        Name of the curve.
+    delta, epsilon : Exact
+        A point of the curve, up to rounding: numbers, text such as "0.6" or "3/5", or Fractions.
+    beta : Exact
+        The half-backlash.
     motion : tuple[float, float] | None
-        Phase and speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds.
+        Phase and speed (τ, v) of the departure from Σ⁺, as a `Curve` gives them. Needed near the folds of the curve.
 
     Returns
     -------
     BifurcationCertificate
-        A theorem about the point, which the checker verifies by itself.
+        The theorem, which the independent checker verifies.
 
     Raises
     ------
+    ParameterError
+        If a parameter is not positive, or the name is not that of a curve.
     NotProvedError
-        If the proof fails.
+        If no point of the curve is within rounding of (δ, ε), or the proof fails.
     """
-    require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
+    require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula, which needs no proof: choose one of {', '.join(CURVES)}")
     require_one_of("name", name, CURVES)
     numbers = {
         "delta": exact_number("delta", delta),
@@ -71,12 +81,14 @@ def certify_curve_point(
         for index, value in ((-2, d), (-1, e))
     ]
     tau = None if motion is None else motion[0]
-    near = [(_apart(x, d, e, tau), i, x) for i, x in enumerate(solved) if x is not None]
+    near = [(_relative_distance(x, d, e, tau), i, x) for i, x in enumerate(solved) if x is not None]
     if not near or min(near)[0] > SAME_PLACE:
-        raise NotProvedError(f"{name} has no point within rounding of delta = {d!r}, epsilon = {e!r}")
+        raise NotProvedError(
+            f"{name} has no point within rounding of delta = {d!r}, epsilon = {e!r}: give a point of the curve"
+        )
     x = min(near)[2]
     if (why := definition.belongs(x)) is not None:
-        raise NotProvedError(f"that point is not on {name}: {why}")
+        raise NotProvedError(f"the motion at this point does not belong to {name}: {why}")
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
     bifurcating = CurveMotion(definition.walls, 1, definition.kind, definition.impact)
@@ -86,7 +98,7 @@ def certify_curve_point(
 def _guesses(
     definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
-    """Unknowns (n + 2,) to solve from: of the flights from (τ, v), else of the closed forms."""
+    """Return unknowns (n + 2,) to solve from: those of the motion from (τ, v) if given, else closed forms."""
     if motion is not None and definition.impact is None:
         itinerary, x = follow_impacts(delta, epsilon, beta, *motion, definition.walls.count(1))
         if itinerary.walls == definition.walls:
@@ -94,49 +106,57 @@ def _guesses(
     return definition.starts(delta, beta)
 
 
-def _apart(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
+def _relative_distance(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
+    """Return the largest relative distance of the unknowns x from δ and ε, or their distance in phase from τ."""
     phase = 0.0 if tau is None else abs((x[0] - tau + 0.5) % 1.0 - 0.5)
     return float(max(abs(x[-2] - delta) / delta, abs(x[-1] - epsilon) / epsilon, phase))
 
 
 def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertificate:
-    """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`).
+    """Prove an event of a branch (`rattle.branch`): the saddle-node, flip or graze of any periodic motion.
 
-    The proof is at the damping that the event has. Raises ParameterError, and NotProvedError.
+    Parameters
+    ----------
+    event : Event
+        The event. The proof is at its damping.
+    beta : Exact | None
+        The half-backlash as an exact number, which must be that of the event up to rounding.
 
     Returns
     -------
     BifurcationCertificate
-        A theorem about the point, which the checker verifies by itself.
+        The theorem, which the independent checker verifies.
 
     Raises
     ------
+    ParameterError
+        If `event` is no event of a branch, or `beta` is not its half-backlash.
     NotProvedError
         If the proof fails.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     itinerary = event.itinerary
     number = exact_number("beta", itinerary.beta if beta is None else beta)
-    require(float(number) == itinerary.beta, f"beta of the event is {itinerary.beta!r}, not {beta}")
+    require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
     x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
-        raise NotProvedError("the event's curve cannot be solved at its damping")
+        raise NotProvedError("Newton's method does not converge to the event at its damping")
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
     return _certified(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
 
 def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate, ...]:
-    """Prove COD20, COD21, COD23 and COD22 at a half-backlash, those that it has.
-
-    Raises ParameterError, and NotProvedError.
+    """Prove the codimension-two points COD20, COD21, COD23 and COD22 at a half-backlash.
 
     Returns
     -------
     tuple[BifurcationCertificate, ...]
-        One for each point that the half-backlash has.
+        One certificate for each point that exists at this half-backlash.
 
     Raises
     ------
+    ParameterError
+        If `beta` is not positive.
     NotProvedError
         If a proof fails.
     """
@@ -149,7 +169,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
         solved = (with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
-            raise NotProvedError(f"no grazing motion was found at {point.name}")
+            raise NotProvedError(f"Newton's method finds no grazing motion at {point.name}")
         motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_certified(point.name, motion, near[0], number, {}))
     return tuple(found)
@@ -158,7 +178,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _certified(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Return the theorem about the solution near x (n + 2,)."""
+    """Return the certificate of the solution near the computed unknowns x (n + 2,)."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
@@ -180,7 +200,7 @@ def _certified(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """φ (n,) of length 1, of a saddle-node or a flip."""
+    """Return the null vector φ (n,) of J(μ), of length 1; empty for a graze."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)
@@ -188,6 +208,7 @@ def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
 
 
 def _published(x: arb) -> Ends:
+    """Return the ends of an enclosure in 30 decimals, wider than the ball."""
     low, high = ends(x)
     room = max(ROOM * (high - low), LEAST)
     unit = Fraction(1, 10**30)

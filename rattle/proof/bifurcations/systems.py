@@ -1,12 +1,12 @@
-"""Extended systems in balls: a periodic motion, and what makes it bifurcate, as equations with regular zeros.
+"""Extended systems in ball arithmetic: the equations of a bifurcating periodic motion, with regular zeros.
 
-Unknown are the times (n,) of its impacts, δ, ε or both, and of a saddle-node or a flip a vector φ (n,):
+The unknowns are the times (n,) of the impacts; δ, ε or both; and for a saddle-node or a flip a vector φ (n,):
 
-    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    with μ = 1, −1
-    R = 0, w₁ = 0                    the velocity with which the impact that grazes is reached
+    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    for the multiplier μ = 1 (saddle-node) or μ = −1 (flip)
+    R = 0, w₁ = 0                    for a graze, where w₁ is the velocity at which the grazing impact is reached
 
-(G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576). R and J are those of
-`rattle.impacting.orbits.equations`. A point of codimension two is a graze with one condition more.
+R and J are those of `rattle.impacting.orbits.equations`. A codimension-two point is a graze with one more condition
+(`corners`). Source: G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576; Lemma 10 of docs/proofs.md.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, requi
 from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
+#: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")
 
 
 class Between(NamedTuple):
-    """The velocities at both ends of a flight between two times, and their derivatives, as series."""
+    """The velocities w0 and w1 at the ends of a flight from t0 to t1, and their derivatives, as series."""
 
     w0: Series
     w1: Series
@@ -40,10 +41,12 @@ class Between(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveMotion:
-    """Quantities that do not change along a curve.
+    """The motion of a bifurcation curve: all that does not change along the curve.
 
-    The walls (n,) of a motion in m forcing periods, what happens to it, the number of the impact that grazes, and the
-    name of a point of codimension two.
+    walls: the walls (n,) that it meets in m forcing periods, in order.
+    kind: saddle-node, flip or graze.
+    impact: the number of the impact that grazes, from 0; None for a saddle-node or a flip.
+    point: the name of a codimension-two point, or None.
     """
 
     walls: tuple[int, ...]
@@ -54,13 +57,16 @@ class CurveMotion:
 
     @property
     def n(self) -> int:
-        """Impacts per period."""
+        """The number of impacts in m forcing periods."""
         return len(self.walls)
 
 
 @dataclass(frozen=True)
 class System:
-    """The equations of a motion at a half-backlash; known: δ or ε where it is given; side: l (n,)."""
+    """The extended system of a motion.
+
+    beta: the half-backlash. known: δ or ε, if it is given. side: the vector l (n,).
+    """
 
     motion: CurveMotion
     beta: arb
@@ -68,35 +74,35 @@ class System:
     side: Sequence[float] = ()
 
     def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
-        """Evaluate the equations at unknowns (N,): times, the unknown ones of δ and ε, φ."""
+        """Evaluate the equations at the unknowns (N,): the times, the unknown parameters of δ and ε, then φ."""
         return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """Return δ and ε, balls or series as the unknowns are; what is known is a ball."""
+        """Return δ and ε: a known parameter as a ball, an unknown parameter as in `at`, a ball or a series."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> ModelPlane:
-        """Return the point of the plane."""
+        """Return the parameters at these unknowns."""
         return ModelPlane(*self.parameters(at), self.beta)
 
 
 @dataclass(frozen=True)
 class EvaluatedSystem:
-    """A system somewhere."""
+    """An extended system, evaluated at its unknowns `at`."""
 
     system: System
     at: Sequence[arb]
 
     @property
     def residual(self) -> list[arb]:
-        """R (N,)."""
+        """The values (N,) of all equations."""
         return [each[0] for each in self._values([arb_series([x]) for x in self.at])]
 
     @cached_property
     def jacobian(self) -> arb_mat:
-        """∂R/∂x (N, N), each column by a series of first order."""
+        """The Jacobian (N, N) of all equations; each column comes from series of first order."""
         columns = []
         for k in range(len(self.at)):
             moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.at)]
@@ -104,6 +110,7 @@ class EvaluatedSystem:
         return arb_mat(columns).transpose()
 
     def _values(self, at: list[Series]) -> list[Series]:
+        """Return all equations as series: R, then w₁ and the condition of a point, or J(μ) φ and ⟨l, φ⟩ − 1."""
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
@@ -127,7 +134,7 @@ class EvaluatedSystem:
 
 
 def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Row i of J(μ) φ, where φ is μ times as large a period later, μ = ±1."""
+    """Return row i of J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
     earlier = phi[i - 1] * (turn if i == 0 else 1)
@@ -135,13 +142,13 @@ def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -
 
 
 def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """Return the vanishing condition at a point of codimension two, where C grazes."""
+    """Return the function that is 0 at a codimension-two point, besides the equations of the graze of C."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
 def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
-    """Return the flight between two times (`rattle.proof.flights.flight`), in series."""
+    """Return the velocities of the flight between two times and their derivatives, (1.7) to (1.10), as series."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
@@ -160,9 +167,9 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
 
 
 def require_happens(system: System, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze.
+    """Raise NotProvedError unless the motion is proved to be admissible: it meets its walls and no other.
 
-    There it touches the wall from inside.
+    All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
     """
     motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
     grazed = motion.impact
@@ -172,7 +179,7 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
     walls = (*motion.walls[:grazed], *motion.walls[grazed + 1 :])
     missed = ImpactingSystem(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
     for i, each in enumerate(missed.flights):
-        target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1} that is made"
+        target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1}, without the grazing impact,"
         if i == (grazed - 1) % len(walls):
             time = times[grazed] if grazed else times[0] + motion.m
             require_touches(each, walls[i], target, motion.walls[grazed], time, name)
@@ -181,18 +188,19 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
 
 
 def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
-    """Raise NotProvedError unless a flight that has speed 0 on the wall `touched` at `time` meets none before its end.
+    """Prove that a flight that grazes the wall `touched` at `time` meets no other wall before its end.
 
-    It turns at that time if g pushes it off: so that is one of its extrema, and all others must be clear of the walls.
+    Φ has an extremum at that time if the contact force g there is directed away from the wall. All other extrema must
+    be strictly between the walls.
 
     Raises
     ------
     NotProvedError
-        If it may meet a wall.
+        If the flight may meet a wall.
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
-        raise NotProvedError(f"{name} would come from behind a wall, or not turn where it grazes")
+        raise NotProvedError(f"{name} may start or end behind a wall, or not turn where it grazes")
     above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
     close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:

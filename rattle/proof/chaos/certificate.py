@@ -1,4 +1,4 @@
-"""Theorem about chaos at one point of the plane: exact numbers, so that anybody can check it."""
+"""The certificate of a horseshoe: a theorem about chaos in exact numbers, which other programs can check."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class Loop:
-    """A chain of coverings from set 0 through these sets (L − 1,) back to it.
+    """A chain of L coverings from set 0 through other sets back to set 0.
 
-    Each of its L steps has how often Σ⁻ is met, and how many forcing periods later the next set is meant.
+    sets: the numbers (L − 1,) of the other sets, in order.
+    sigma_minus: for each step (L,) the number of impacts on Σ⁻.
+    periods: for each step (L,) the number of forcing periods from a set to the next.
     """
 
     sets: tuple[int, ...]
@@ -25,22 +27,26 @@ class Loop:
 
     @property
     def length(self) -> int:
-        """Impacts on Σ⁺."""
+        """L, the number of impacts on Σ⁺ in the loop."""
         return len(self.sigma_minus)
 
     @property
     def head(self) -> int:
-        """The set after set 0, which tells the loop from others."""
+        """The number of the first set after set 0, by which loops are distinguished; 0 for a loop of length 1."""
         return (*self.sets, 0)[0]
 
 
 @dataclass(frozen=True)
 class HorseshoeCertificate:
-    """A theorem about the impact map Π at exact parameters.
+    """A theorem about the impact map Π at exact parameters: it has a horseshoe.
 
-    Each loop is a chain of coverings, and the sets that follow set 0 in them are apart. So for every sequence of loops
-    there is a motion that goes through them in this order, and the topological entropy is at least `per_impact` for
-    each impact on Σ⁺, and at least `per_period` for each forcing period, in nats.
+    In each loop every set covers the next, and the sets after set 0 are disjoint for different loops. So for every
+    sequence of loops there is a motion that goes through them in this order (Lemma 12 of docs/proofs.md), and the
+    topological entropy is bounded from below (Lemma 13).
+
+    parameters: δ, ε and β. sets: all sets; set 0 is the one where loops meet. loops: the loops.
+    per_impact, per_period: lower bounds of the entropy per impact on Σ⁺ and per forcing period, in nats.
+    versions: versions of the programs that made the certificate.
     """
 
     parameters: dict[str, Fraction]
@@ -51,7 +57,7 @@ class HorseshoeCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the theorem in one sentence."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         lengths = ", ".join(str(loop.length) for loop in self.loops)
         return (
@@ -60,7 +66,7 @@ class HorseshoeCertificate:
         )
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
+        """Return the certificate as a JSON document. Each number that is no integer is text: a decimal or a ratio."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,

@@ -1,7 +1,8 @@
-"""Check certificates of horseshoes, trusting nobody: mpmath's intervals, and none of the finder's code.
+"""Check certificates of horseshoes, with mpmath's intervals and none of the finder's code.
 
-Of this project it needs `rattle/proof/check.py` besides, of which it takes intervals. A set is (t, v) = centre + ξ
-unstable + η stable with |ξ|, |η| ≤ 1, v being the speed after an impact on Σ⁺ at time t; docs/proofs.md has the lemmas.
+Of this project the program imports only `rattle/proof/check.py`, for intervals. A set is a parallelogram
+(t, v) = centre + ξ unstable + η stable with |ξ| ≤ 1 and |η| ≤ 1, where v is the speed after an impact on Σ⁺ at time t.
+The lemmas and the numbers of equations are those of docs/proofs.md.
 """
 
 import json
@@ -24,21 +25,28 @@ from rattle.proof.check import (
     sine_and_cosine,
 )
 
-MOST_PARTS, MOST_TIMES, MOST_SETS, MOST_LOOPS, MOST_LENGTH = 4000, 300, 2000, 200, 100
+#: Most parts into which a set and the time of a flight are cut.
+MOST_PARTS, MOST_TIMES = 4000, 300
+#: Largest numbers of sets and loops, and of steps of a loop.
+MOST_SETS, MOST_LOOPS, MOST_LENGTH = 2000, 200, 100
 Vector = tuple[Interval, Interval]
-Part = tuple[float, float, float, float]  # ξ, η of its middle, half its sides
+Part = tuple[float, float, float, float]  # of a set: ξ and η of its middle, half its width in ξ and in η
+#: The whole of a set, and its edges ξ = −1 and ξ = 1.
 WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
 
 
 class Bundle:
-    """Flights from a wall at times and with velocities middle + [−1, 1] first + [−1, 1] second."""
+    """The flights that leave a wall at (time, velocity) = middle + a · first side + b · second side, |a|, |b| ≤ 1.
+
+    hull: intervals that contain the times and the velocities of all departures.
+    """
 
     def __init__(self, plane: "Claim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
         self.plane, self.wall, self.middle, self.sides = plane, wall, middle, sides
         self.hull = tuple(x + UNIT * (abs(a) + abs(b)) for x, a, b in zip(middle, *sides, strict=True))
 
     def flown(self, start: Vector, t: Interval) -> Vector:
-        """Φ(t) less the wall, and Φ'(t)."""
+        """Return Φ(t) − Φ(t₀) and Φ'(t) for flights from `start` = (t₀, w₀), by (1.4) to (1.6)."""
         (sine, cosine), (sine1, cosine1), d, e = (
             sine_and_cosine(start[0]),
             sine_and_cosine(t),
@@ -50,19 +58,13 @@ class Bundle:
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
 
     def kept(self, start: Vector, t: Interval) -> Interval:
-        """Return the enclosed decay e^(−δ(t − t₀))."""
+        """Return e^(−δ(t − t₀))."""
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Return the derivatives of Φ(t) and Φ'(t) on all flights, by both sides.
-
-        Those of the flow are −(w + S w'), S and −C w', C.
-
-        Returns
-        -------
-        tuple[Vector, Vector]
-            Derivatives of Φ and of Φ'.
-        """
+        """Return the derivatives of Φ(t) and of Φ'(t) by the coordinates a and b, over all flights of the bundle."""
+        # with c = e^(−δ(t − t₀)), s = (1 − c)/δ and w₀' = Φ'' at the departure: ∂Φ/∂t₀ = −(w₀ + s w₀'), ∂Φ/∂w₀ = s,
+        # ∂Φ'/∂t₀ = −c w₀', ∂Φ'/∂w₀ = c
         c = self.kept((self.hull[0], self.hull[1]), t)
         s = (1 - c) / self.plane.delta
         y, v = (-self.hull[1] - s * self.push, s), (-c * self.push, c)
@@ -71,67 +73,75 @@ class Bundle:
 
     @cached_property
     def push(self) -> Interval:
-        """Φ'' at the departure, of all flights."""
+        """The acceleration Φ'' at the departure, over all flights."""
         return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
 
     def at(self, t: Interval) -> Vector:
-        """Φ(t) less the wall and Φ'(t) of all flights, by the mean value theorem."""
+        """Return Φ(t) − Φ(t₀) and Φ'(t) over all flights of the bundle, by the mean value theorem."""
         (y, v), (heights, speeds) = self.flown(self.middle, t), self.derivatives(t)
         return y + UNIT * (abs(heights[0]) + abs(heights[1])), v + UNIT * (abs(speeds[0]) + abs(speeds[1]))
 
     def landed(self, target: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Time and velocity after the impact of the middle flight, and what becomes of the sides. Raises Refused."""
+        """Return the bundle after its impact on `target`, as its middle and both sides. Raises Refused."""
         end = (target - self.wall) * self.plane.beta
         time = self.guessed(target)
         for _ in range(5):
             y, v = self.flown(self.middle, time)
             time = IV.mpf((time - (y - end) / v).mid)
-        late = self.newton(self.flown(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
-        landing = time + late
-        late = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
-        arrival = time + late
+        delay = self.newton(self.flown(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
+        landing = time + delay  # of the middle flight
+        delay = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
+        arrival = time + delay  # of all flights
         speed = self.at(arrival)[1]
         require(
-            is_positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze"
+            is_positive(-self.wall * self.hull[1], target * speed), "a flight may start or end behind a wall, or graze"
         )
-        require(self.is_clear(arrival), "a flight may meet another wall")
+        require(self.is_clear(arrival), "a flight is not proved to meet no other wall before its end")
         heights, speeds = self.derivatives(arrival)
         pull = self.plane.force(arrival) - self.plane.delta * speed
         moved = [(-h / speed, -(v - pull * h / speed)) for h, v in zip(heights, speeds, strict=True)]
         return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
 
     def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
-        """Return how late flights are that lack so much of the wall at a time.
+        """Return the delay after `time` with which flights reach the wall, by Newton's interval method.
 
-        One root each, by Newton's interval method.
+        Parameters
+        ----------
+        missed : Interval
+            Φ minus the position of the wall, at `time`.
+        room : Interval
+            First guess of a bound of the delay.
+        middle : bool
+            Whether to follow the middle flight alone, or all flights.
 
         Returns
         -------
         Interval
-            Enclosure of the delay.
+            An enclosure of the delay; each flight reaches the wall exactly once within it.
 
         Raises
         ------
         Refused
-            If the root is not single.
+            If a flight may graze, or no bound of the delay is found.
         """
         for _ in range(8):
             around = time + room * UNIT
             speed = self.flown(self.middle, around)[1] if middle else self.at(around)[1]
             require(is_positive(speed) or is_positive(-speed), "a flight may graze")
-            late = -missed / speed
-            if is_positive(room - late, room + late):
-                return late
-            room = IV.mpf(1.3) * max(room, IV.mpf(abs(late).b))
+            delay = -missed / speed
+            if is_positive(room - delay, room + delay):
+                return delay
+            room = IV.mpf(1.3) * max(room, IV.mpf(abs(delay).b))
         raise Refused("the time of an impact is not enclosed")
 
     def guessed(self, target: int) -> Interval:
-        """About when the middle flight meets the wall, in doubles."""
+        """Return about the time at which the middle flight reaches the wall, in doubles. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
 
         def height(t: float) -> float:
+            """Return Φ(t) minus the position of the wall."""
             gone = e * (math.cos(turn * t) - math.cos(turn * t0)) - math.expm1(-d * (t - t0)) / d * pushed
             return 2 * turn * (t - t0) + gone - end
 
@@ -144,10 +154,10 @@ class Bundle:
                     low, high = (low, middle) if height(low) * height(middle) <= 0 else (middle, high)
                 return IV.mpf(low)
             low += step
-        raise Refused("a flight does not end")
+        raise Refused("a flight does not reach its wall within 8 forcing periods")
 
     def is_clear(self, arrival: Interval) -> bool:
-        """Return whether all flights clear the walls on their way: at all times Φ' has one sign, or Φ is clear."""
+        """Return whether all flights are proved to be between the walls until they arrive (Lemma 6)."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
@@ -164,40 +174,46 @@ class Bundle:
 
 
 class Claim:
-    """Statement of a certificate."""
+    """The statement of a certificate: parameters, sets and loops.
+
+    sets, numbers: each set as six intervals and as six exact numbers, centre (t, v), `unstable` and `stable`.
+    loops: for each loop its sets, the impacts on Σ⁻ in each step, and the forcing periods of each step.
+    """
 
     def __init__(self, document: Any) -> None:
-        require(document["model"] == "impacting", "it is of another model")
-        require({*document["parameters"]} == {"delta", "epsilon", "beta"}, "its parameters")
+        require(document["model"] == "impacting", "`model` must be 'impacting'")
+        require(
+            {*document["parameters"]} == {"delta", "epsilon", "beta"}, "`parameters` must be delta, epsilon and beta"
+        )
         self.delta, self.epsilon, self.beta = (
             exact_fraction(document["parameters"][n]) for n in ("delta", "epsilon", "beta")
         )
-        require(is_positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
-        require(0 < len(document["sets"]) <= MOST_SETS, "the number of its sets")
+        require(is_positive(self.delta, self.epsilon, self.beta), "all parameters must be positive")
+        require(0 < len(document["sets"]) <= MOST_SETS, f"the number of sets must be from 1 to {MOST_SETS}")
         self.sets = [[exact_fraction(number) for number in each] for each in document["sets"]]
         self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
-        require(all(len(each) == 6 for each in self.sets), "a set that is not six numbers")
+        require(all(len(each) == 6 for each in self.sets), "a set must be six numbers")
         self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
-        require(1 < len(self.loops) <= MOST_LOOPS, "the number of its loops")
+        require(1 < len(self.loops) <= MOST_LOOPS, f"the number of loops must be from 2 to {MOST_LOOPS}")
         for sets, words, periods in self.loops:
             whole = all(type(x) is int and x >= 0 for x in [*sets, *words]) and all(type(x) is int for x in periods)
             fits = len(words) == len(periods) == len(sets) + 1 <= MOST_LENGTH and all(x < len(self.sets) for x in sets)
-            require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop")
+            require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop is invalid")
 
     def force(self, t: Interval) -> Interval:
-        """Return g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        """Return the contact force g(t) (1.2)."""
         sine, cosine = sine_and_cosine(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def image(self, source: int, part: Part, word: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Return the image under Π of the middle of a part of a set, and sides of a parallelogram about it.
+        """Return a parallelogram that contains the image under Π of a part of a set.
 
-        The parallelogram holds the image of the rest.
+        word: the number of impacts on Σ⁻ between the two impacts on Σ⁺.
 
         Returns
         -------
         tuple[Vector, tuple[Vector, Vector]]
-            The middle's image, and two sides.
+            The image of the middle of the part, and the two half sides of the parallelogram.
         """
         (t, v, *along), (xi, eta, width, height) = self.sets[source], part
         middle = t + xi * along[0] + eta * along[2], -(v + xi * along[1] + eta * along[3])
@@ -211,26 +227,30 @@ class Claim:
         )  # fmt: skip
 
     def seen(self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in another set's coordinates, and what either side of it adds."""
+        """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
-        require(is_positive(size) or is_positive(-size), "a set has no area")
+        require(is_positive(size) or is_positive(-size), "the sides of a set are parallel, so it has no area")
         away = middle[0] - t - periods, middle[1] - v
         start, *added = (((d * x - b * y) / size, (a * y - c * x) / size) for x, y in (away, *sides))
         xi, eta = (start[i] + UNIT * (abs(added[0][i]) + abs(added[1][i])) for i in range(2))
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
-        """Require that a set covers another.
+        """Raise Refused unless the set `source` covers the set `target` (Lemma 11).
 
-        The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|.
+        In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to ξ > 1, and no point
+        of the source to |ξ| ≤ 1 ≤ |η|.
         """
-        went = [self.settled(source, target, word, periods, edge, inside=False) for edge in EDGES]
-        require(went in ([{-1}, {1}], [{1}, {-1}]), f"the edges of set {source} do not go to both sides of {target}")
-        self.settled(source, target, word, periods, WHOLE, inside=True)
+        went = [self.sides_of_parts(source, target, word, periods, edge, inside=False) for edge in EDGES]
+        require(
+            went in ([{-1}, {1}], [{1}, {-1}]),
+            f"the edges of set {source} are not mapped to both sides of set {target}",
+        )
+        self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
 
-    def settled(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """To which sides of the target parts go, 0 for between."""
+    def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
+        """Return the sides of the target to which the parts are mapped: 1, −1, and 0 for between the edges."""
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
             here, added = parts.pop(), [1.0, 1.0]
@@ -249,7 +269,7 @@ class Claim:
         raise Refused(f"set {source} is not proved to cover set {target}")
 
     def require_apart(self, one: int, other: int) -> None:
-        """Require that two sets are disjoint, whole periods apart too: a line along a side separates them."""
+        """Raise Refused unless two sets are disjoint, times taken modulo 1: a line along a side separates them."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -258,27 +278,33 @@ class Claim:
             require(ok, f"sets {one} and {other} may meet")
 
     def corners(self, number: int, periods: int) -> list[tuple[Fraction, Fraction]]:
-        """Return the corners of a set, so many periods later."""
+        """Return the corners of a set, shifted by a number of forcing periods."""
         t, v, *along = self.numbers[number]
-        require(abs(t) + abs(along[0]) + abs(along[2]) < 1.5, f"set {number} is not near the first period")
+        require(
+            abs(t) + abs(along[0]) + abs(along[2]) < 1.5,
+            f"the times of set {number} must be in the first forcing period",
+        )
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
         return [(t + periods + x * along[0] + y * along[2], v + x * along[1] + y * along[3]) for x, y in signs]
 
 
 def halves(part: Part, added: list[float]) -> list[Part]:
-    """Return both halves of a part, cut across its more stretched side."""
+    """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small."""
     xi, eta, width, height = part
-    require(max(width, height) > 2.0**-14, "a set is not stretched across the next")
+    require(max(width, height) > 2.0**-14, "a set is not proved to be stretched across the next set")
     if width and (not height or (added[0], width) >= (added[1], height)):
         return [(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]
 
 
 def check(text: str) -> str:
-    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refused."""
     try:
         document = json.loads(text)
-        require(document["format"] == 1 and document["theorem"] == "horseshoe", "its format is not known")
+        require(
+            document["format"] == 1 and document["theorem"] == "horseshoe",
+            "`format` and `theorem` must be 1 and 'horseshoe'",
+        )
         claim = Claim(document)
         heads = [(*sets, 0)[0] for sets, _, _ in claim.loops]
         for i, one in enumerate(heads):
@@ -288,7 +314,7 @@ def check(text: str) -> str:
             h = exact_fraction(document[f"entropy_per_{name}"])
             lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
             total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
-            require(is_positive(h, total - 1), f"the entropy for each {name}")
+            require(is_positive(h, total - 1), f"`entropy_per_{name}` is not proved")
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):
@@ -297,4 +323,4 @@ def check(text: str) -> str:
         least = document["entropy_per_impact"], document["entropy_per_period"]
         return f"a horseshoe of entropy {least[0]} an impact on Σ⁺, {least[1]} a forcing period, at least, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise Refused(f"the certificate is incomplete or malformed: {error}") from error

@@ -1,8 +1,9 @@
-"""Covering relations in balls: which set the impact map stretches across which other.
+"""Covering relations in ball arithmetic: proofs that the impact map Π stretches one set across another.
 
-A set is a parallelogram |ξ| ≤ 1, |η| ≤ 1 in coordinates of its own, (t, v) = centre + ξ unstable + η stable. N covers M
-if Π maps the edges ξ = ±1 of N beyond those of M, one to either side, and no point of N to where |ξ| ≤ 1 ≤ |η| in M's
-coordinates. (P. Zgliczyński, Nonlinearity 10 (1997) 243–252; J. Kennedy and J. Yorke, Trans. AMS 353 (2001) 2513–2530.)
+A set is a parallelogram |ξ| ≤ 1, |η| ≤ 1 in its own coordinates, (t, v) = centre + ξ unstable + η stable. A set N
+covers a set M if, in the coordinates of M, Π maps one edge ξ = ±1 of N to ξ < −1 and the other to ξ > 1, and maps no
+point of N to |ξ| ≤ 1 ≤ |η| (Lemma 11 of docs/proofs.md). Sources: P. Zgliczyński, Nonlinearity 10 (1997) 243–252; J.
+Kennedy and J. Yorke, Trans. AMS 353 (2001) 2513–2530.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from rattle.proof.chaos.images import Image, image
 from rattle.proof.flights import ModelPlane
 
 Pair = tuple[Fraction, Fraction]
+#: Most parts into which a set is cut.
 MOST_PIECES = 12_000
-FINEST = 2.0**-12  # half-width of a piece, of a set
+#: Smallest half-width of a part, as a share of that of its set.
+FINEST = 2.0**-12
 
 
 class SetPart(NamedTuple):
-    """A part of a set: |ξ − xi| ≤ width, |η − eta| ≤ height."""
+    """A part of a set: |ξ − xi| ≤ width and |η − eta| ≤ height, in the coordinates of the set."""
 
     xi: float
     eta: float
@@ -33,12 +36,13 @@ class SetPart(NamedTuple):
 
 
 WHOLE = SetPart(0.0, 0.0, 1.0, 1.0)
+#: The edges ξ = −1 and ξ = 1 of a set.
 EDGES = {side: SetPart(float(side), 0.0, 0.0, 1.0) for side in (-1, 1)}
 
 
 @dataclass(frozen=True)
 class HSet:
-    """A parallelogram of states (t, v): its centre and half its sides, exactly."""
+    """A set: a parallelogram of states (t, v), with exact centre and half sides `unstable` (ξ) and `stable` (η)."""
 
     centre: Pair
     unstable: Pair
@@ -46,16 +50,16 @@ class HSet:
 
     @cached_property
     def matrix(self) -> arb_mat:
-        """(t, v) − centre of (ξ, η)."""
+        """The matrix that maps (ξ, η) to (t, v) − centre."""
         return arb_mat([[ball(self.unstable[i]), ball(self.stable[i])] for i in range(2)])
 
     @cached_property
     def coordinates(self) -> arb_mat:
-        """(ξ, η) of (t, v) − centre."""
+        """The matrix that maps (t, v) − centre to (ξ, η). Raises NotProvedError if the set has no area."""
         (a, b), (c, d) = self.matrix.tolist()
         size = a * d - b * c
         if not (size > 0 or size < 0):
-            raise NotProvedError("a set has no area")
+            raise NotProvedError("the sides of a set are parallel, so it has no area")
         return arb_mat([[d / size, -b / size], [-c / size, a / size]])
 
     @cached_property
@@ -73,7 +77,7 @@ class HSet:
 
 @dataclass
 class Mapped:
-    """A set and what Π makes of its parts, whose motions meet these walls between two impacts on Σ⁺."""
+    """A set, and the images under Π of its parts; walls: those that its motions meet between two impacts on Σ⁺."""
 
     plane: ModelPlane
     source: HSet
@@ -81,7 +85,7 @@ class Mapped:
     images: dict[SetPart, Image | None] = field(default_factory=dict)
 
     def image(self, part: SetPart) -> Image | None:
-        """Π of a part, or None if it is not proved what its motions meet."""
+        """Return the image of a part, or None if its motions are not proved to meet these walls."""
         if part not in self.images:
             matrix = self.source.matrix
             centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
@@ -93,40 +97,41 @@ class Mapped:
         return self.images[part]
 
     def require_covers(self, target: HSet, periods: int) -> None:
-        """Raise NotProvedError unless the set covers another, so many forcing periods later."""
+        """Raise NotProvedError unless the set covers `target`, shifted by this number of forcing periods."""
         left = self._side(target, periods, EDGES[-1])
         right = self._side(target, periods, EDGES[1])
         if left == right:
-            raise NotProvedError("both edges of a set go to one side of the next")
-        for _ in self._settled(target, periods, WHOLE, inside=True):
+            raise NotProvedError("both edges of a set are mapped to the same side of the next set")
+        for _ in self._sides_of_parts(target, periods, WHOLE, inside=True):
             pass
 
     def _side(self, target: HSet, periods: int, edge: SetPart) -> int:
-        """Return to which side of a set an edge goes, all of it."""
-        sides = set(self._settled(target, periods, edge, inside=False))
+        """Return the side of `target` to which the whole edge is mapped: 1 or −1. Raises NotProvedError."""
+        sides = set(self._sides_of_parts(target, periods, edge, inside=False))
         if len(sides) != 1:
-            raise NotProvedError("an edge of a set goes to both sides of the next")
+            raise NotProvedError("an edge of a set is not mapped to one side of the next set")
         return sides.pop()
 
-    def _settled(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
-        """Yield what is proved of the parts of a part.
+    def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
+        """Cut a part until the position of each image relative to `target` is proved, and yield these positions.
+
+        inside: whether images between the edges ξ = ±1 are allowed.
 
         Yields
         ------
         int
-            1 or −1 for the side of the set that they go to, 0 if between its edges and clear of the other two, where
-            they may.
+            1 if the image of a part has ξ > 1, −1 if it has ξ < −1, and 0 if it has |η| < 1 (only if `inside`).
 
         Raises
         ------
         NotProvedError
-            If a part stays undecided.
+            If a part stays undecided, or its image is where it must not be.
         """
         parts, number = [part], 0
         while parts:
             here, number = parts.pop(), number + 1
             if number > MOST_PIECES:
-                raise NotProvedError("a set has too many parts")
+                raise NotProvedError(f"a covering stays undecided with {MOST_PIECES:,} parts of a set")
             found = self.image(here)
             grown = [1.0, 1.0]
             if found is not None:
@@ -138,12 +143,12 @@ class Mapped:
                     yield 0
                     continue
                 if _is_refuted(xi, eta, grown, inside):
-                    raise NotProvedError("a set is not stretched across the next")
+                    raise NotProvedError("a set is not stretched across the next set")
             parts += _halves(here, grown)
 
 
 def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """ξ and η of an image, and how much of their width is due to either side of the part."""
+    """Return ξ and η of an image in the target's coordinates, and the width that each side of the part adds to them."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
     start, slope = target.coordinates * away, target.coordinates * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
@@ -151,14 +156,15 @@ def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether finer parts would not help: the image is small, and where it should not be."""
+    """Return whether finer parts cannot help: the image is small already, or it is where it must not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
 def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
+    """Return the two halves of a part, cut across the side that adds more to the image. Raises NotProvedError."""
     xi, eta, width, height = part
     if max(width, height) < FINEST:
-        raise NotProvedError("it is not told what the motions of a set meet")
+        raise NotProvedError("it is undecided which walls the motions of a set meet")
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

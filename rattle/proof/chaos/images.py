@@ -1,4 +1,7 @@
-"""The impact map Π of a small set of departures from Σ⁺, in balls: t the time of an impact, v the speed after it."""
+"""Enclosures of the impact map Π on a small set of departures (t, v) from Σ⁺: t the time, v the speed.
+
+Lemma 14 of docs/proofs.md. A set is a parallelogram middle + sides [−1, 1]²; all flights from it form a bundle.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,23 @@ from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first, sign
 
-GROWN = 1.25  # by which the guess of a ball of arrival times is widened, each time that it is refused
+#: Factor by which the guessed interval of arrival times is widened after each refusal, and most times that it is
+#: widened.
+GROWN = 1.25
 MOST_GROWN = 6
+#: Newton steps for the arrival time of the middle flight.
 MOST_NEWTON = 3
-MOST_PARTS = 200  # of a flight
-NEAR = 1e-15  # what is left of the middle's time of arrival
+#: Most parts into which the time of a flight is bisected.
+MOST_PARTS = 200
+#: Largest error of the arrival time of the middle flight.
+NEAR = 1e-15
 
 
 class Image(NamedTuple):
-    """Image of the middle of a set, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
+    """The image of a set under Π: the image of its middle, and the derivatives of Π over the whole set.
+
+    slope: derivatives of (t, v) by the coordinates in [−1, 1]².
+    """
 
     middle: tuple[arb, arb]
     slope: arb_mat
@@ -29,7 +40,10 @@ class Image(NamedTuple):
 
 @dataclass(frozen=True)
 class Arrival:
-    """The ends (time, velocity) of flights from a set of departures: of its middle, and their derivatives (2, 2)."""
+    """The end of the middle flight of a bundle, and derivatives over the whole bundle.
+
+    time, velocity: of the middle flight. slope: derivatives (2, 2) of both by the time and velocity of departure.
+    """
 
     time: arb
     velocity: arb
@@ -37,21 +51,24 @@ class Arrival:
 
 
 def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
-    """Return Π of all (t, v) in centre + sides [−1, 1]², with the derivatives by the coordinates in [−1, 1]².
+    """Return the image under Π of all (t, v) in centre + sides [−1, 1]².
 
-    Their motions meet these walls between two impacts on Σ⁺.
+    Parameters
+    ----------
+    walls : Sequence[int]
+        The walls that these motions meet between two impacts on Σ⁺.
 
     Returns
     -------
     Image
-        Enclosures of the phases, speeds and derivatives.
+        Enclosures of the middle's image and of the derivatives.
 
     Raises
     ------
     NotProvedError
-        Unless that is proved of all of them.
+        If it is not proved that all motions meet exactly these walls.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # from speeds on Σ⁺ to velocities, and from velocities of arrival to those after
+    turn = arb_mat([[1, 0], [0, -1]])  # changes the sign of the second component: speed on Σ⁺ and velocity; an impact
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
         here = arrival(plane, middle, sides, wall, target)
@@ -60,11 +77,25 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
 
 
 def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return the flights from a wall at times and velocities middle + sides [−1, 1]², which end first at `target`."""
+    """Return where the flights of a bundle end, if `target` is proved to be their first impact.
+
+    The departures are at the times and velocities middle + sides [−1, 1]².
+
+    Returns
+    -------
+    Arrival
+        The end of the middle flight, and derivatives over the bundle.
+
+    Raises
+    ------
+    NotProvedError
+        If a flight may graze, or meet another wall first, or the time of its end is not enclosed.
+    """
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
+    # Newton's interval method encloses the delay of all flights after the middle one
     bundle = FlightBundle(plane, middle, sides)
-    at_middle = bundle.until(time)
+    at_middle = bundle.middle_until(time)
     by_t0, by_w0 = _derivatives(at_middle, time)
     guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
@@ -73,13 +104,13 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
         late = arb(0, 1) * guess
         speed = bundle.all_until(time + late).w1
         if not (speed > 0 or speed < 0):
-            raise NotProvedError(f"{name} may graze")
+            raise NotProvedError(f"{name} may graze: the set is too large or too close to a graze")
         moved = -missed / speed
         if abs(moved) < guess:
             break
         guess = guess.max(abs(moved))
     else:
-        raise NotProvedError(f"the time at which {name} ends is not enclosed")
+        raise NotProvedError(f"the time at which {name} ends is not enclosed: the set is too large")
     here = bundle.all_until(time + moved)
     bundle.require_clear(here, wall, target, name)
     (height_t0, speed_t0), (height_w0, speed_w0) = _derivatives(here, here.t1)
@@ -96,7 +127,7 @@ def spread_of_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
 
 @dataclass(frozen=True)
 class FlightBundle:
-    """Flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
+    """The flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
 
     plane: ModelPlane
     middle: tuple[arb, arb]
@@ -104,36 +135,37 @@ class FlightBundle:
 
     @cached_property
     def hull(self) -> tuple[arb, arb]:
-        """Balls that hold all of them."""
+        """Balls that contain the times t0 and the velocities w0 of all departures."""
         unit = arb(0, 1)
         t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
         return t0, w0
 
-    def until(self, t: arb) -> FlightEnclosure:
-        """Return the middle one."""
+    def middle_until(self, t: arb) -> FlightEnclosure:
+        """Return the flight from the middle of the set until the time t."""
         return _flight(self.plane, *self.middle, t)
 
     def all_until(self, t: arb) -> FlightEnclosure:
-        """Return all of them."""
+        """Return an enclosure of all flights of the bundle until the time t."""
         return _flight(self.plane, *self.hull, t)
 
     def height(self, t: arb) -> arb:
-        """Φ(t) − Φ(t₀) of all of them, by the mean value theorem."""
+        """Return Φ(t) − Φ(t₀) over all flights of the bundle, by the mean value theorem."""
         return self._at(t, 0)
 
     def speed(self, t: arb) -> arb:
-        """Φ'(t) likewise."""
+        """Return Φ'(t) over all flights of the bundle, by the mean value theorem."""
         return self._at(t, 1)
 
     def _at(self, t: arb, which: int) -> arb:
+        """Return Φ(t) − Φ(t₀) (which: 0) or Φ'(t) (1) over all flights of the bundle."""
         by_t0, by_w0 = _derivatives(self.all_until(t), t)
-        return self.until(t).at(t)[which] + arb(0, 1) * spread_of_sides(self.sides, by_t0[which], by_w0[which])
+        return self.middle_until(t).at(t)[which] + arb(0, 1) * spread_of_sides(self.sides, by_t0[which], by_w0[which])
 
     def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
-        """Raise NotProvedError unless these flights meet no wall on their way.
+        """Prove that the flights `here` of the bundle meet no wall before their end on `target`.
 
-        The proof is by their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has
-        one sign, or Φ is clear of the walls all through it.
+        The proof is by their extrema (Lemma 3). Where these are undecided, the time is bisected until in each part Φ'
+        has one sign or Φ is strictly between the walls (Lemma 6).
 
         Raises
         ------
@@ -159,11 +191,11 @@ class FlightBundle:
                     parts += [(start, middle), (middle, end)]
             if not parts:
                 return
-        raise NotProvedError(f"{name} may meet a wall on its way")
+        raise NotProvedError(f"{name} may meet a wall before its end: the set is too large or too close to a graze")
 
 
 def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
-    """Return the flight with this begin until t1; its own derivatives are left out."""
+    """Return the flight from time t0 and velocity w0 until t1, without the derivatives by times."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
@@ -180,12 +212,12 @@ def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[
 
 
 def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
-    """Return when the flight of the middle ends, in a small ball."""
+    """Return the time at which the middle flight ends on `target`, as a small ball. Raises NotProvedError."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
-        raise NotProvedError("the middle of a set meets other walls")
+        raise NotProvedError("the motion from the middle of a set meets other walls than stated")
     time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight(plane, *middle, time).at(time)
@@ -193,5 +225,5 @@ def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) ->
     late = arb(0, NEAR)
     missed, speed = _flight(plane, *middle, time).at(time)[0] - distance, _flight(plane, *middle, time + late).w1
     if not (speed > 0 or speed < 0) or not abs(missed / speed) < NEAR:
-        raise NotProvedError("the middle of a set may graze")
+        raise NotProvedError("the motion from the middle of a set may graze")
     return time - missed / speed

@@ -1,4 +1,4 @@
-"""Chaos at one point of the plane, from numbers to a theorem."""
+"""Prove chaos at one point of the plane: search a horseshoe in doubles, then prove its coverings."""
 
 from __future__ import annotations
 
@@ -19,26 +19,35 @@ from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
 from rattle.proof.chaos.coverings import HSet, Mapped, Pair, SetPart
 from rattle.proof.flights import ModelPlane
 
+#: Number of found horseshoes that are tried; the one with the largest entropy is kept.
 PLACES_TRIED = 3
+#: The middle of a set, as a part of it.
 POINT = SetPart(0.0, 0.0, 0.0, 0.0)
-DIGITS = Fraction(1, 10**4)  # of the entropy that is said
+#: Unit to which the published entropy is rounded down.
+DIGITS = Fraction(1, 10**4)
 
 
 def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> HorseshoeCertificate:
-    """Prove that the impacting gear has chaotic motions at one point: a horseshoe, and what its entropy is at least.
+    """Prove that the impacting gear has chaotic motions at one point, by a horseshoe of its impact map.
 
-    The proof takes half a minute and needs the extra `proof`. Raises ParameterError, and NotProvedError where none was
-    found: then there may still be one. Source: docs/proofs.md.
+    The proof takes half a minute and needs the extra `proof`. The method is in docs/proofs.md.
+
+    Parameters
+    ----------
+    delta, epsilon, beta : Exact
+        The exact parameters: numbers, text such as "0.6" or "3/5", or Fractions.
 
     Returns
     -------
     HorseshoeCertificate
-        Sets and coverings, and the lower bound of the entropy.
+        Sets and coverings, and lower bounds of the topological entropy.
 
     Raises
     ------
+    ParameterError
+        If a parameter is not positive.
     NotProvedError
-        If no horseshoe is found or proved.
+        If no horseshoe is found or proved; there may be one all the same.
     """
     parameters = {
         "delta": exact_number("delta", delta),
@@ -55,15 +64,17 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved
     if best is None:
-        raise NotProvedError("no two loops are proved to be stretched across each other: this may still be chaos")
+        raise NotProvedError(
+            "no horseshoe of two or more loops is proved here: the motions may be chaotic all the same"
+        )
     return best
 
 
 def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
-    """Return the theorem about the loops of a hub that can be proved, None if these are fewer than two."""
+    """Return the certificate of all loops of a hub that can be proved, or None if fewer than two can."""
     hub = _exactly(found.hub)
     sets, loops = [hub], list[Loop]()
-    sources: dict[tuple[int, int], Mapped] = {}  # the hub's images serve all loops
+    sources: dict[tuple[int, int], Mapped] = {}  # all loops share the images of the hub's parts
     for each in found.loops:
         new = [_exactly(box) for box in each.boxes]
         numbers = range(len(sets), len(sets) + len(new))
@@ -89,7 +100,7 @@ def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Fo
 def _covered(
     plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
 ) -> tuple[int, ...]:
-    """Return how many forcing periods later each set of a chain covers the next; NotProvedError if one does not."""
+    """Return the number of forcing periods from each set of a chain to the next, which it is proved to cover."""
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
         mapped = Mapped(plane, source, (-1,) * word)
@@ -97,32 +108,32 @@ def _covered(
             mapped = sources.setdefault((0, word), mapped)
         middle = mapped.image(POINT)
         if middle is None:
-            raise NotProvedError("the middle of a set meets other walls")
+            raise NotProvedError("the motion from the middle of a set meets other walls than stated")
         periods.append(round(float(middle.middle[0]) - float(target.centre[0])))
         mapped.require_covers(target, periods[-1])
     return tuple(periods)
 
 
 def _exactly(box: search.StateBox) -> HSet:
-    """Return a box in few digits, its time in [0, 1)."""
+    """Return a computed box as a set with exact numbers of few digits, its time shifted to [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
 
 
 def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
-    """Raise NotProvedError unless each of some sets is disjoint from each of others, whole periods apart too."""
+    """Raise NotProvedError unless each of `some` sets is disjoint from each of `others`, times taken modulo 1."""
     for one in some:
         for other in others:
             for periods in (-1, 0, 1):
-                if not apart(list(one.corners()), [(t + periods, v) for t, v in other.corners()]):
-                    raise NotProvedError("two sets that tell loops apart may meet")
+                if not are_separated(list(one.corners()), [(t + periods, v) for t, v in other.corners()]):
+                    raise NotProvedError("the first sets of two loops may meet, so they do not distinguish the loops")
 
 
-def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
-    """Return whether a line along a side of either of two parallelograms separates them.
+def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
+    """Return whether a line along a side of one of two parallelograms separates them.
 
-    Their corners are in the order of `HSet`.
+    one, other: their corners, in the order of `HSet.corners`.
 
     Returns
     -------
@@ -139,7 +150,7 @@ def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy(lengths: Sequence[int]) -> Fraction:
-    """Return an h for which Σ e^(−h length) ≥ 1 is proved, in few digits."""
+    """Return a lower bound h of the entropy, for which Σ e^(−h length) ≥ 1 is proved (Lemma 13); 0 if none is found."""
     h = Fraction(math.floor(search.growth(lengths) / DIGITS)) * DIGITS
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

@@ -1,7 +1,7 @@
-"""Search horseshoes, in doubles.
+"""Search horseshoes of the impact map Π in doubles; `prove` then proves or refuses them.
 
-A parallelogram to which chaotic motions return, and along each return the parallelograms through which Π stretches it
-back across itself. What is found here is proved elsewhere, or refused.
+A horseshoe has a parallelogram to which chaotic motions return, the hub. A loop is a return to the hub: a chain of
+parallelograms, each of which Π stretches across the next, from the hub back to the hub.
 """
 
 from __future__ import annotations
@@ -20,22 +20,39 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.numerics.complex_step import Array
 
-SEED = 1  # of the motions that are looked at
-STATES, SETTLING, WATCHED = 1500, 400, 200  # motions that are tried, impacts before and in which they are looked at
-CHAOTIC = 0.02  # exponent per forcing period
-KEPT, STEPS, MIDDLE = 400, 72, 36  # motions, their impacts, and the impact at which places are looked for
+#: Seed of the initial conditions.
+SEED = 1
+#: Number of initial conditions, impacts that are left out, and impacts over which chaos is tested.
+STATES, SETTLING, WATCHED = 1500, 400, 200
+#: Least Lyapunov exponent of a chaotic motion, per forcing period.
+CHAOTIC = 0.02
+#: Number of chaotic motions that are kept, of their impacts, and of the impact whose states may be centres of hubs.
+KEPT, STEPS, MIDDLE = 400, 72, 36
+#: Number of states that are tried as centres of hubs.
 PLACES = 24
-SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # along the unstable direction
-SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)  # how much longer the other side is
-MOST_STEPS = 16  # of a loop
-TRIED, EACH, MOST_WORDS = 100, 3, 40  # hubs of which all is worked out; segments with one word; words
-TOGETHER = 2  # hubs of one place that are tried before the next place's
-ROOM = 1.2  # what a set reaches beyond the next, and how much higher the next is
+#: Half sizes of hubs along the unstable direction.
+SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
+#: Ratios of the stable to the unstable half size of a hub.
+SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)
+#: Most impacts on Σ⁺ in a loop.
+MOST_STEPS = 16
+#: Most hubs whose loops are computed; most returns with the same numbers of Σ⁻ impacts; most different such words.
+TRIED, EACH, MOST_WORDS = 100, 3, 40
+#: Number of hubs with one centre that are tried before those of the next centre.
+TOGETHER = 2
+#: How far a stretched set must reach beyond the next set's edges, and a set beyond the image in it, as ratios.
+ROOM = 1.2
+#: Largest |η| of an image in the hub.
 HIGHEST = 0.95
-UNEVEN, FLAT = 6.0, 0.9  # ratio of stretches in a hub; cosine of an angle in its image
-CORRECTED = 3  # times that the places are improved at which the edges of a set are reached
-SCHEDULED = 4  # times that loops are chosen, for the h of the last choice
-NEAR = 1e-7  # for differences
+#: In a hub: largest ratio of the stretches by Π, and least cosine of the angle between the directions of its image.
+UNEVEN, FLAT = 6.0, 0.9
+#: Newton steps for the states of a set that are mapped to the edges of the next.
+CORRECTED = 3
+#: Times that the best loops are chosen again, with the entropy of the choice before.
+SCHEDULED = 4
+#: Step of finite differences.
+NEAR = 1e-7
+#: Trial lengths of a set, as ratios to the length that the linear map suggests.
 GROWTH = 1.08 ** np.arange(-12, 40)
 
 
@@ -47,22 +64,29 @@ class StateBox(NamedTuple):
 
 
 class FoundLoop(NamedTuple):
-    """The boxes between two visits to the first one, and how often Σ⁻ is met on the way from each to the next."""
+    """A loop of a hub.
+
+    boxes: the sets between two visits to the hub. words: for each step the number of impacts on Σ⁻.
+    strip: the ends in ξ of the part of the hub that goes through the loop.
+    """
 
     boxes: tuple[StateBox, ...]
     words: tuple[int, ...]
-    strip: tuple[float, float]  # of the first box, in ξ
+    strip: tuple[float, float]
 
 
 class Found(NamedTuple):
-    """A box and its loops."""
+    """A candidate of a horseshoe: a hub and its loops."""
 
     hub: StateBox
     loops: tuple[FoundLoop, ...]
 
 
 class OrbitSegment(NamedTuple):
-    """A motion from the hub back to it: states (L + 1, 2) and Σ⁻ impacts (L,) between."""
+    """A motion from the hub back to it.
+
+    states: the states (L + 1, 2) at impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between them.
+    """
 
     states: Array
     words: tuple[int, ...]
@@ -70,32 +94,40 @@ class OrbitSegment(NamedTuple):
 
 @dataclass(frozen=True)
 class ReturnMap:
-    """Π at one point of the plane."""
+    """The impact map Π at one point of the plane."""
 
     gear: Gear
 
     def __call__(self, x: Array) -> tuple[Array, NDArray[np.int64]]:
-        """States (…, 2) an impact on Σ⁺ later, and how often Σ⁻ was met; −1 where the motion rests or leaves."""
+        """Return the states (…, 2) at the next impact on Σ⁺, and the numbers of impacts on Σ⁻ before it.
+
+        The number is −1 where the motion sticks to a wall, or where the speed in x is not positive.
+
+        Returns
+        -------
+        tuple[Array, NDArray[np.int64]]
+            States, and numbers of impacts on Σ⁻.
+        """
         gear, bad = self.gear, ~(x[..., 1] > 0)
         v = np.where(bad, 1.0, x[..., 1])
         out = iterate(gear.delta, gear.epsilon, x[..., 0] % 1.0, v, 1, gear.beta)
         return np.stack([out.tau, out.v], -1), np.where(bad | (out.n_plus < 1), -1, out.n_minus)
 
     def tangent(self, x: Array) -> Array:
-        """DΠ (…, 2, 2), by differences."""
+        """Return the derivative DΠ (…, 2, 2) by finite differences."""
         moves = NEAR * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
         return np.moveaxis(away(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
 
 
 def away(x: Array, centre: Array) -> Array:
-    """Return x − centre (…, 2), times to within half a period."""
+    """Return x − centre (…, 2), with differences of times shifted to [−½, ½)."""
     d = x - centre
     d[..., 0] = (d[..., 0] + 0.5) % 1.0 - 0.5
     return d
 
 
 def growth(lengths: Sequence[float]) -> float:
-    """Return the h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
+    """Return the entropy h for which Σ e^(−h length) = 1; 0 for fewer than two loops."""
     if len(lengths) < 2:
         return 0.0
     times = np.asarray(lengths, float)
@@ -103,7 +135,7 @@ def growth(lengths: Sequence[float]) -> float:
 
 
 def search_horseshoes(gear: Gear) -> Iterator[Found]:
-    """Horseshoes that may be there, the most chaotic first. Raises NotProvedError: no motion seems chaotic."""
+    """Yield candidates of horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
     states, words = _chaotic(gear)
     pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
@@ -124,7 +156,7 @@ def search_horseshoes(gear: Gear) -> Iterator[Found]:
 
 
 def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
-    """Chaotic motions: states (STEPS + 1, k, 2) and Σ⁻ impacts (STEPS, k)."""
+    """Return k chaotic motions: states (STEPS + 1, k, 2), and numbers of impacts on Σ⁻ (STEPS, k)."""
     rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
     states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
@@ -140,7 +172,9 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
         seen = iterate_tangent(*point, x[:, 0], x[:, 1], WATCHED, gear.beta)
         x = x[(seen.n_plus == WATCHED) & (seen.time > WATCHED / 4) & (seen.lyapunov[0] > CHAOTIC)]
     if not len(x):
-        raise NotProvedError("no motion that seems chaotic was found here")
+        raise NotProvedError(
+            "no motion that seems chaotic was found at this point: choose one where a survey shows chaos"
+        )
     path, words = [x[:KEPT]], []
     for _ in range(STEPS):
         after, word = ReturnMap(gear)(path[-1])
@@ -150,7 +184,7 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _places(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield candidates of a hub, with unit vectors that lean as unstable and stable directions: saddles, and states."""
+    """Yield centres of hubs with unit vectors along the unstable and the stable direction: saddles, then states."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
@@ -172,19 +206,19 @@ def _unit(x: Array) -> Array:
 
 
 def _pulled(tangent: Array, x: Array) -> Array:
-    """Return the image of x under a tangent map, scaled to length 1."""
+    """Return the preimage of x under a tangent map, scaled to length 1."""
     (a, b), (c, d) = tangent
     return _unit(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
 def _samples(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) of a box."""
+    """Return a grid of states (across, high, 2) of a box; across and high: points along ξ and η."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
 def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
-    """Return whether Π stretches the box much the same everywhere, so that its image hardly bends."""
+    """Return whether Π stretches the hub almost uniformly, so that its image is almost straight."""
     after, words = pi(_samples(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
         return False
@@ -195,7 +229,7 @@ def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """First returns to the hub, the shortest first, at most EACH with the same words."""
+    """Yield motions from the hub to their next visit there, the shortest first, at most EACH with the same words."""
     inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -210,9 +244,10 @@ def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator
 
 
 def _loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[FoundLoop]:
-    """Loops through the hub whose strips of it lie apart, of which Σ e^(−h length) is largest, h being theirs."""
+    """Return the loops with disjoint strips of the hub that give the largest entropy h."""
     found = [loop for segment in segments if (loop := _loop(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
+    # for a trial rate, choose disjoint strips with the largest Σ e^(−rate length); repeat with the entropy that results
     rate, best = 0.3, list[FoundLoop]()
     for _ in range(SCHEDULED):
         chosen: list[tuple[float, list[FoundLoop]]] = [(0.0, [])]
@@ -231,7 +266,7 @@ def _growth_of(loops: Sequence[FoundLoop]) -> float:
 
 
 def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | None:
-    """Return the boxes about a segment; None if it does not stretch the hub across itself."""
+    """Return the loop along a segment, or None if Π does not stretch the hub along it across the hub."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _across(pi, hub, hub, words[0])
@@ -244,7 +279,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
     stable.reverse()
     lengths = np.zeros(steps)
     target = hub
-    for i in range(steps - 1, -1, -1):  # each long enough to reach beyond the next
+    for i in range(steps - 1, -1, -1):  # each set is so long that its image reaches beyond the next set
         reached = _reach(pi, x[i], unstable[i], tangents[i] @ unstable[i], target, words[i])
         if reached is None:
             return None
@@ -252,7 +287,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
         target = StateBox(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
     boxes: list[StateBox] = []
     source, strip = hub, (0.0, 0.0)
-    for i in range(1, steps):  # and high enough to hold what comes
+    for i in range(1, steps):  # each set is so high that it contains the image of the set before
         flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
         high, where = _across(pi, source, flat, words[i - 1])
         if not high < np.inf:
@@ -266,7 +301,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
 
 
 def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int) -> float | None:
-    """Return how far from x an edge must be for its image to lie beyond the target, one edge to either side."""
+    """Return the least half length of a set around x whose edges Π maps beyond both sides of the target, or None."""
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:
@@ -279,15 +314,13 @@ def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: S
 
 
 def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return the largest |η| of Π's image of a box between the target's edges, or a little beyond them.
-
-    It also tells from which ξ to which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets
-    other walls.
+    """Return the largest |η| of the image of a source box where it passes the target, edges included.
 
     Returns
     -------
     tuple[float, tuple[float, float]]
-        The size, and both ξ.
+        The largest |η| in the target's coordinates, and the ends in ξ of the part of the source that passes the target,
+        at η = 0. |η| is infinite if Π does not stretch the source across the target, or its motions meet other walls.
     """
     back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)

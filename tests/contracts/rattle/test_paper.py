@@ -83,8 +83,8 @@ def test_a_wrong_value_in_the_paper_makes_the_command_fail(monkeypatch):
 
 @pytest.mark.usefixtures("computed")
 def test_a_wrong_computed_value_makes_the_command_fail(monkeypatch):
-    right = numbers.at
-    monkeypatch.setattr(numbers, "at", lambda curve, delta: right(curve, delta) + 2e-4 * (curve == "G1"))
+    right = numbers.epsilon_at
+    monkeypatch.setattr(numbers, "epsilon_at", lambda curve, delta: right(curve, delta) + 2e-4 * (curve == "G1"))
     result = CliRunner().invoke(app, ["paper"])
     assert result.exit_code == 1
     assert "unexpected: G1 at δ = 0.6" in result.output
@@ -141,7 +141,7 @@ def test_one_finding_is_computed_alone(monkeypatch):
     for number in ("0", "13"):
         refused = CliRunner().invoke(app, ["paper", "--only", number])
         assert refused.exit_code != 0
-        assert "there are 1 to 12" in str(refused.exception)
+        assert "choose a number from 1 to 12" in str(refused.exception)
 
 
 def test_the_summary_is_last_and_counts_what_the_document_says(computed):

@@ -35,7 +35,7 @@ def test_a_point_is_taken_as_these_very_numbers_and_its_certificates_are_proved_
     (tmp_path / "motions.jsonl").write_text(said.stdout.replace('"0.0615"', '"0.0616"', 1))
     checked = ran("--check", tmp_path / "motions.jsonl")
     assert checked.exit_code == 1
-    assert "NOT PROVED, line 1: its box is not mapped into itself" in checked.stdout
+    assert "NOT PROVED, line 1: the box of the certificate is not mapped into itself" in checked.stdout
     assert checked.stdout.count("proved: P(1, 1, 0)") == 1
 
 

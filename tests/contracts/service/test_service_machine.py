@@ -95,7 +95,7 @@ def test_of_a_machine_intensities_are_in_si_units_too(client: TestClient) -> Non
     ("route", "query", "message"),
     [
         ("machine", SI | {"radius": 50}, "for 50 mm give 0.05"),
-        ("machine", SI | {"rpm": 1e9}, "nothing turns at"),
+        ("machine", SI | {"rpm": 1e9}, "no gear turns at"),
         ("machine", SI | {"drive": "belt"}, "drive"),
         ("machine", SI | {"inertia": 5e-324, "rpm": 1e-5}, "delta"),
         ("machine", SI | {"rpm": 5e-324}, "speed"),

@@ -211,8 +211,8 @@ def test_the_stiff_gear_has_families():
 @pytest.mark.parametrize(
     ("delta", "epsilon", "message"),
     [
-        ([[0.5]], [0.1], "delta must be the values of an axis"),
-        ([0.5], 0.1, "epsilon must be the values of an axis"),
+        ([[0.5]], [0.1], "delta must be a list of numbers, the values of an axis"),
+        ([0.5], 0.1, "epsilon must be a list of numbers, the values of an axis"),
         ([0.5, 0.7, 0.6], [0.1], "the values of delta must rise or fall"),
         ([0.5], [0.1, 0.1], "the values of epsilon must rise or fall"),
         ([-0.5], [0.1], "delta must be greater than 0"),

@@ -132,7 +132,7 @@ def test_a_table_in_seconds_and_metres(tmp_path: Path) -> None:
     [
         ("", "must name its columns"),
         ("1\n2\n", "must name its columns"),
-        ("time\n1\n2\n", "there are 2 impacts: give 8 at least"),
+        ("time\n1\n2\n", "there are 2 impacts: give at least 8"),
         ("time\n" + "\n".join("12345678") + "\n7\n", "times must be finite and rise"),
         ("time\n" + "\n".join(f"{i}e-20" for i in range(9)), "within 8e-20 forcing periods: in which unit"),
         ("time,speed,Time\n" + "\n".join(f"{i},1,{i}" for i in range(9)), "2 columns 'time': leave one"),

@@ -247,7 +247,7 @@ def test_a_branch_begun_at_a_graze_has_it():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"start": (0.6, 0.1), "end": (0.6, 0.1)}, "further apart"),
+        ({"start": (0.6, 0.1), "end": (0.6, 0.1)}, "farther apart"),
         ({"start": (0.0, 0.1), "end": (0.6, 0.1)}, "δ of start must be greater than 0"),
         ({"start": (0.6, 0.1), "end": (-0.1, 0.1)}, "δ of end must be greater than 0"),
         ({"start": (0.6, -0.1), "end": (0.6, 0.1)}, "ε of start must not be negative"),

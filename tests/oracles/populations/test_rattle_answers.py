@@ -131,5 +131,5 @@ def test_nothing_is_said_of_gears_that_do_not_differ() -> None:
     with pytest.raises(rattle.ParameterError, match="of must be one of quiet, energy"):
         same.indices("noise")
     lone = Population(Plan(Tolerances(GIVEN), gears=10, pairs=0), population.rows)
-    with pytest.raises(rattle.RattleError, match="ask for pairs"):
+    with pytest.raises(rattle.RattleError, match="give `pairs` above 0"):
         lone.indices()

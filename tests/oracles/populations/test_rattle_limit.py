@@ -86,8 +86,8 @@ def test_below_the_least_damping_nothing_is_quiet() -> None:
         ({"delta": 0.6}, "epsilon", {"count": 100}, "100 samples cannot tell a share of 0.99: let count be 396"),
         ({"delta": 0.6}, "radius", {}, "of must be one of epsilon"),
         ({"epsilon": 0.1}, "epsilon", {}, "delta must be given too"),
-        ({"delta": 0.6}, "epsilon", {"between": (0.2, 0.1)}, "the first below the second"),
-        ({"epsilon": 0.0}, "delta", {}, "without an eccentricity everything is quiet"),
+        ({"delta": 0.6}, "epsilon", {"between": (0.2, 0.1)}, r"between must be \(low, high\) with 0 <= low < high"),
+        ({"epsilon": 0.0}, "delta", {}, "without an eccentricity all motions become quiet"),
         (DRAWING | {"radius": 50.0}, "eccentricity", {}, "radius must be in metres"),
     ],
 )

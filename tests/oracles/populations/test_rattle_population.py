@@ -51,9 +51,9 @@ def test_parts_share_what_they_say() -> None:
     assert plan.rows == 12 + 5 * (1 + 2 * 2)
     assert np.array_equal(values[plan.rows_of(1)], values[:5])
     for i in range(2):
-        assert np.array_equal(values[plan.rows_of(plan.keeping(i)), i], values[:5, i])
-        assert np.array_equal(values[plan.rows_of(plan.but(i)), 1 - i], values[:5, 1 - i])
-        assert not (values[plan.rows_of(plan.keeping(i)), 1 - i] == values[:5, 1 - i]).any()
+        assert np.array_equal(values[plan.rows_of(plan.part_keeping(i)), i], values[:5, i])
+        assert np.array_equal(values[plan.rows_of(plan.part_redrawing(i)), 1 - i], values[:5, 1 - i])
+        assert not (values[plan.rows_of(plan.part_keeping(i)), 1 - i] == values[:5, 1 - i]).any()
     assert np.array_equal(np.unique(plan.parts(np.arange(plan.rows))), np.arange(6))
     more = of(PAPER, [[1.0, 0.4], [0.4, 1.0]], gears=40, pairs=5)
     assert np.array_equal(more.values(np.arange(12)), values[:12])
@@ -173,7 +173,7 @@ def test_a_shock_that_cannot_be_is_refused(given: dict[str, Any], says: str) -> 
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        ({"gears": 10_000_000}, "are 160081920, at most 16777216: lower count first"),
+        ({"gears": 10_000_000}, "exceed the limit of 16,777,216 samples: make count smaller first"),
         ({"gears": 1}, "gears must be an integer from 2"),
         ({"share": 1.0}, "share must be at most 0.9999"),
         ({"share": 0.9, "margin": 0.1}, "by its share of quiet runs or by its margin: give one"),

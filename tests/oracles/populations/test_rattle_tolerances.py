@@ -72,7 +72,7 @@ def test_draws_have_the_correlations_that_were_asked_for() -> None:
 def test_draws_that_share_numbers_are_as_frequent_as_all_others(i: int) -> None:
     copula = Copula(MATRIX)
     z, fresh = copula.draws(7, 0, ROWS), copula.draws(7, 1, ROWS)
-    kept, changed = copula.keeping(i, z, fresh), copula.but(i, z, fresh)
+    kept, changed = copula.with_kept(i, z, fresh), copula.with_redrawn(i, z, fresh)
     others = [j for j in range(3) if j != i]
     assert np.array_equal(kept[:, i], z[:, i])
     assert np.array_equal(changed[:, others], z[:, others])
@@ -130,7 +130,7 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        (DRAWING | {"eccentricity": NORMAL}, r"eccentricity .* goes down to -1.67e-05: cut it off \(low=0\)"),
+        (DRAWING | {"eccentricity": NORMAL}, r"eccentricity .* reaches down to -1.67e-05: cut it off \(low=0\)"),
         (DRAWING | {"eccentricity": "uniform:-1e-6:1e-5"}, "begin it above"),
         (DRAWING | {"eccentricity": rattle.Normal(0.015, 1e-3)}, "eccentricity must be in metres.*mm give"),
         (DRAWING | {"eccentricity": 15e-6, "radius": rattle.Normal(50.0, 1.0)}, "radius must be in metres"),
@@ -138,7 +138,7 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
         (DRAWING | {"eccentricity": NORMAL, "delta": 0.1}, "delta and a machine's .* say it twice: give one"),
         (DRAWING | {"excentricity": NORMAL}, "a gear has no excentricity: it has"),
         ({"delta": 0.1, "beta": "uniform:0.1:0.2"}, "epsilon must be given too"),
-        (DRAWING | {"eccentricity": "normal:1e-6"}, "after normal give mean, deviation and, if it is cut"),
+        (DRAWING | {"eccentricity": "normal:1e-6"}, "after normal give mean, deviation and, if it is cut off"),
         (DRAWING | {"eccentricity": "gamma:1:2"}, "is no distribution: write a number, or normal:MEAN"),
         (DRAWING | {"eccentricity": "uniform:a:b"}, "must be numbers, separated by colons"),
     ],
@@ -151,12 +151,12 @@ def test_what_cannot_be_meant_is_refused_with_what_to_do(given: dict[str, Any], 
 @pytest.mark.parametrize(
     ("kind", "numbers", "says"),
     [
-        (rattle.Normal, (15e-6, 0.0), "for a number that does not vary give that, 1.5e-05"),
-        (rattle.Uniform, (2.0, 2.0), "has no spread: for a number that does not vary give that, 2"),
+        (rattle.Normal, (15e-6, 0.0), "for a number that does not vary give the number itself, 1.5e-05"),
+        (rattle.Uniform, (2.0, 2.0), "has no spread: for a number that does not vary give the number itself, 2"),
         (rattle.Triangular, (2.0, 2.0, 2.0), "has no spread"),
         (rattle.Measured, ((2.0, 2.0, 2.0),), "has no spread"),
         (rattle.LogNormal, (2.0, 0.0), "deviation must be greater than 0"),
-        (rattle.Normal, (0.0, 1.0, 8.0), "next to nothing of"),
+        (rattle.Normal, (0.0, 1.0, 8.0), "has almost no probability"),
         (rattle.Triangular, (1.0, 5.0, 2.0), "the mode must be from low to high"),
         (rattle.Uniform, (3.0, 2.0), "low must be below high"),
     ],
@@ -170,7 +170,7 @@ def test_a_distribution_without_spread_or_order_is_refused(kind: Any, numbers: t
     ("matrix", "says"),
     [
         ([[1.0, 0.2]], "a row and a column for each number that varies, rows and columns in this order: a, b"),
-        ([[1.0, 0.2], [0.3, 1.0]], "is symmetric"),
+        ([[1.0, 0.2], [0.3, 1.0]], "must be symmetric"),
         ([[2.0, 0.2], [0.2, 1.0]], "1 on its diagonal.*divide each by both deviations"),
         ([[1.0, 1.2], [1.2, 1.0]], "numbers from -1 to 1"),
         ([[1.0, 1.0], [1.0, 1.0]], "no numbers have these correlations"),
@@ -183,7 +183,7 @@ def test_a_matrix_that_is_no_correlation_is_refused(matrix: list[list[float]], s
 
 def test_the_factor_that_is_named_makes_a_matrix_possible() -> None:
     matrix = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
-    with pytest.raises(rattle.ParameterError, match=r"multiply those beside the diagonal by (0\.\d+)") as refused:
+    with pytest.raises(rattle.ParameterError, match=r"multiply the entries off the diagonal by (0\.\d+)") as refused:
         correlation_of(matrix, ("a", "b", "c"))
     factor = float(str(refused.value).split("diagonal by ")[1].split(",")[0])
     correlation_of(np.where(np.eye(3) > 0, 1.0, factor * matrix), ("a", "b", "c"))

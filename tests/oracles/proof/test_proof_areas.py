@@ -248,13 +248,13 @@ def test_a_solution_of_two_impacts_is_a_motion(name):
     s = float(times[1] - times[0])
     with precision():
         cell = two_impacts.SolutionCell(arb(s), arb(s), arb(0.6), arb(0.6))
-        x, y, v, u = (float(each) for each in cell.solution[0])
+        x, y, v, u = (float(each) for each in cell.solution.over)
         assert (np.hypot(x, y), v) == pytest.approx((0.09, orbit.v), abs=1e-9)
-        above, below = (float(each) for each in cell.room)
+        above, below = (float(each) for each in cell.margins)
         trace = sum(orbit.multipliers).real
         assert 2 * above / (u * v) == pytest.approx(1 + np.exp(-0.6) - trace, rel=1e-6)
         assert 2 * below / (u * v) == pytest.approx(1 + np.exp(-0.6) + trace, rel=1e-6)
-        assert (cell.rise > 0) == (name == "D")
+        assert (cell.square_by_s > 0) == (name == "D")
 
 
 def test_documents_that_are_none_are_refused():

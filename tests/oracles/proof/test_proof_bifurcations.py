@@ -11,7 +11,7 @@ from depth import either
 from mpmath import mpf
 
 import rattle
-from rattle.paper.numbers import PROVED, at
+from rattle.paper.numbers import PROVED, epsilon_at
 from rattle.proof.balls import arb, ball, precision
 from rattle.proof.bifurcations import prove, systems
 from rattle.proof.bifurcations.check import check
@@ -205,6 +205,6 @@ def test_what_the_paper_table_calls_proved_is(corners):
         if name in corners:
             ends = corners[name].solved[where]
         else:
-            ends = prove.certify_curve_point(name, where, at(name, float(where))).solved["epsilon"]
+            ends = prove.certify_curve_point(name, where, epsilon_at(name, float(where))).solved["epsilon"]
         assert ends[1] - ends[0] < Fraction(1, 10**14)
         assert abs(sum(ends) / 2 - Fraction(said)) < Fraction(1, 10**10)

@@ -231,7 +231,7 @@ def test_hostile_input_is_refused() -> None:
         ({"kappa": 0.0}, "kappa must"),
         ({"kappa": (1e3, np.nan)}, "kappa must"),
         ({"kappa": (1e3, 1e4, 1e5)}, "kappa must"),
-        ({"end": (0.6, 0.1)}, "further apart"),
+        ({"end": (0.6, 0.1)}, "farther apart"),
         ({"end": (0.0, 0.1)}, "δ of end"),
         ({"steps": 0}, "steps must"),
     ):

@@ -1,1 +1,1 @@
-"""The checker of blocks, which trusts nobody: it needs this folder alone, and besides Python only mpmath."""
+"""The independent checker of proved blocks. It needs this folder, Python and mpmath, and nothing else."""

@@ -1,7 +1,7 @@
-"""Check what is claimed of blocks of the plane: `python -m checker.check FILE` where this folder is.
+"""Check the claims about blocks of the plane: run `python -m checker.check FILE` beside this folder.
 
-All is proved anew, otherwise than it was found: with other intervals, unknowns and derivatives. docs/proofs.md has the
-lemmas.
+Each claim is proved again by other means than the finder's: other interval arithmetic, other unknowns and other
+derivatives. The lemmas and the numbers of equations are those of docs/proofs.md.
 """
 
 import json
@@ -15,9 +15,12 @@ from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
 
-DEEPEST, DEEPEST_CAPTURE = 5, 2  # times that the δ of a block are halved; ε and δ in turn
+#: Times that the δ interval of a block is halved.
+DEEPEST = 5
+#: Times that a block on which quiet captures is halved, in ε and δ in turn.
+DEEPEST_CAPTURE = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: Of A, B, C and D.
+#: The states of the motions A to D that each claim of a region makes.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -25,17 +28,18 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
+#: The states of motions that each claim makes; a claim says nothing about motions that are missing here.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(Column)  # what is found of some δ serves all claims there
+column = lru_cache(maxsize=64)(Column)  # all claims with the same δ interval share its cells
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-    """Raise Refused unless a claim holds at all points of a block: as a whole, or in halves."""
+    """Raise BlockRefused unless a claim is proved on a block as a whole, or on its halves in δ."""
     try:
         prove_whole(claim, beta, delta, epsilon)
     except BlockRefused:
@@ -47,22 +51,22 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
 
 
 def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
-    """Prove a claim for the whole of a block."""
+    """Raise BlockRefused unless a claim is proved on a block that is not cut."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
         return require_possible(d, e, QUIET[claim])
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
-            found = check_one(letter, state, d, interval_between(beta, beta), squares)
+            found = state_of_one_impact(letter, state, d, interval_between(beta, beta), squares)
         else:
-            found = two(1 if letter == "D" else -1, state, column(delta, beta), squares)
-        require(found == state, f"{letter} is {found}, not {state}")
+            found = state_of_two_impacts(1 if letter == "D" else -1, state, column(delta, beta), squares)
+        require(found == state, f"the state of {letter} is proved to be {found!r}, but {state!r} is claimed")
     return None
 
 
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Likewise, that quiet captures below a speed."""
+    """Raise BlockRefused unless quiet is proved to capture all motions slower than `speed`, on a block or its parts."""
     try:
         Capture(interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)).require_below(speed)
     except BlockRefused:
@@ -75,53 +79,55 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
             prove_captured(beta, *both, speed, depth + 1)
 
 
-def check_one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
-    """Return the state of A or C."""
+def state_of_one_impact(
+    letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
+) -> str:
+    """Return the proved state of A or C; its stability is left out where `state`, the claim, does not name it."""
     motion = OneImpact(letter, d, beta, *squares)
-    if not motion.there():
+    if not motion.exists():
         return NONE
     return THERE if state in (THERE, NONE) else ATTRACTING if motion.attracts() else SADDLE
 
 
-def two(rises: int, state: str, all_s: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the state of B or D."""
-    runs = all_s.runs(rises, *squares)
-    require(len(runs) < 2, f"there are {len(runs)}")
+def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
+    """Return the proved state of B (slope −1) or D (1), as `state_of_one_impact` does for A and C."""
+    runs = cells.motions(slope, *squares)
+    require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:
         return NONE
-    return THERE if state in (THERE, NONE) else ATTRACTING if all_s.attracts(runs[0], *squares) else SADDLE
+    return THERE if state in (THERE, NONE) else ATTRACTING if cells.attracts(runs[0], *squares) else SADDLE
 
 
 def check(text: str) -> str:
-    """Prove what is claimed of a block, and return that in words. Raises Refused."""
+    """Prove the claim of a JSON document about a block, and return it in words. Raises BlockRefused."""
     try:
         document = json.loads(text)
-        require((document["format"], document["theorem"]) == (1, "area"), "its format is not known")
+        require((document["format"], document["theorem"]) == (1, "area"), "`format` and `theorem` must be 1 and 'area'")
         claim, beta = document["claim"], exact(document["beta"])
         delta, epsilon = (ends_of(document[name]) for name in ("delta", "epsilon"))
-        require(beta > 0 and delta[0] > 0, "a parameter is not positive")
+        require(beta > 0 and delta[0] > 0, "`beta` and `delta` must be positive")
         if claim == CAPTURES:
             speed = exact(document["speed"])
-            require(speed > 0, "its speed is not positive")
+            require(speed > 0, "`speed` must be positive")
             prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
-            require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")
+            require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is unknown")
             prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise BlockRefused(f"it cannot be read: {error}") from error
+        raise BlockRefused(f"the document is incomplete or malformed: {error}") from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
 def ends_of(texts: Any) -> Ends:
-    """Return both ends of an interval from their texts."""
+    """Return both ends of an interval from their texts. Raises BlockRefused."""
     low, high = (exact(each) for each in texts)
-    require(low <= high, "its ends are not in order")
+    require(low <= high, "the lower end of an interval is above its upper end")
     return low, high
 
 
 def main(path: str) -> int:
-    """Print what is proved of the block on each line of a file. Returns 1 if one is refused, else 0."""
+    """Check the block on each line of a file, and print the results. Return 1 if one is refused, else 0."""
     status = 0
     with open(path, encoding="utf-8") as file:
         for number, line in enumerate(file, 1):

@@ -1,6 +1,6 @@
-"""Intervals, and numbers with their derivatives by two others.
+"""Interval arithmetic of the checker, and numbers with their derivatives by s and by δ.
 
-Of mpmath's intervals + − × ÷ and roots are taken as they are; pi, exp, sin and cos are widened by 2⁻⁶⁰.
+The operations + − × ÷ and roots are mpmath's. Its values of pi, exp, sin and cos are widened by 2⁻⁶⁰, relative for exp.
 """
 
 import re
@@ -17,30 +17,30 @@ PI = IV.pi + SLACK
 NUMBER = re.compile(r"\d{1,40}(\.\d{1,100}|/[1-9]\d{0,100})?")
 
 
-class BlockRefused(Exception):  # noqa: N818 - it is an answer, no fault
-    """Why a block is not proved."""
+class BlockRefused(Exception):  # noqa: N818 - a refusal is an answer of the checker, not a fault
+    """The claim of a block is not proved; the message says why."""
 
 
 def require(ok: Any, why: str) -> None:
-    """Raise Refused unless ok."""
+    """Raise BlockRefused with this message unless ok."""
     if not ok:
         raise BlockRefused(why)
 
 
 def exact(text: str) -> Fraction:
-    """Return the exact number that a text stands for."""
-    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number from 0 on")
+    """Return the number ≥ 0 that a text states exactly, as a decimal or a ratio. Raises BlockRefused."""
+    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers, and not negative")
     return Fraction(text)
 
 
 def interval_between(low: Fraction, high: Fraction) -> Interval:
-    """Return the numbers from one to the other."""
+    """Return the narrowest interval that contains two exact numbers and all between."""
     first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
     return IV.mpf([first.a, last.b])
 
 
 def less(x: Any, y: Any) -> bool:
-    """Return whether all numbers of one interval are below all of another; what is not a number is not."""
+    """Return whether every number of x is below every number of y; False if an end is not a number."""
     try:
         return bool((x - y).b < 0)
     except ValueError:
@@ -48,17 +48,17 @@ def less(x: Any, y: Any) -> bool:
 
 
 def times(x: Interval, y: Interval) -> Interval:
-    """Likewise of nothing: most derivatives are 0."""
+    """Return the product of two enclosures; it is skipped where one is ZERO, as most derivatives are."""
     return ZERO if x is ZERO or y is ZERO else x * y
 
 
 def plus(x: Interval, y: Interval) -> Interval:
-    """Return the sum of two enclosures."""
+    """Return the sum of two enclosures; it is skipped where one is ZERO."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
 class Jet:
-    """A number and its derivatives by s and by δ, as intervals."""
+    """A number x with its derivatives: s by the time s, d by the damping δ, all as intervals."""
 
     __slots__ = ("d", "s", "x")
 
@@ -98,28 +98,28 @@ class Jet:
         s, d = (plus(a, -times(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
-    def of(self, x: Interval, slope: Interval) -> "Jet":
-        """Return a function of it, from its value and its derivative."""
+    def chained(self, x: Interval, slope: Interval) -> "Jet":
+        """Return f(self) by the chain rule, where x is the value of f and slope its derivative."""
         return Jet(x, times(slope, self.s), times(slope, self.d))
 
     def decay(self) -> "Jet":
-        """Return e^(−x)."""
+        """Return e^(−x) for this number x."""
         x = decayed(self.x)
-        return self.of(x, -x)
+        return self.chained(x, -x)
 
-    def turn(self, half: int) -> "tuple[Jet, Jet]":
-        """Sine and cosine of so many times half a turn."""
-        sine, cosine = sine_and_cosine_of(half * PI * self.x)
-        return self.of(sine, half * PI * cosine), self.of(cosine, -half * PI * sine)
+    def sine_and_cosine(self, factor: int) -> "tuple[Jet, Jet]":
+        """Return the sine and the cosine of factor · π x."""
+        sine, cosine = sine_and_cosine_of(factor * PI * self.x)
+        return self.chained(sine, factor * PI * cosine), self.chained(cosine, -factor * PI * sine)
 
 
 def middle(x: Interval) -> Interval:
-    """Return the middle of an enclosure."""
+    """Return the middle of an interval, as an interval of width 0."""
     return IV.mpf(x.mid)
 
 
 def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
-    """Sine and cosine."""
+    """Return the sine and the cosine of an angle in radians."""
     return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
 
 
@@ -128,19 +128,22 @@ def decayed(x: Interval) -> Interval:
     return IV.exp(-x) * (1 + SLACK)
 
 
-def force(d: Any, cosine: Any, sine: Any) -> Any:
-    """Return g where ε cos 2πt and ε sin 2πt are these."""
+def contact_force(d: Any, cosine: Any, sine: Any) -> Any:
+    """Return the contact force g at damping d and a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 
 
 class ParameterBox:
-    """Two intervals, and what a function with known derivatives can be over both, by the mean value theorem."""
+    """A rectangle of s and δ, over which functions are enclosed by the mean value theorem.
+
+    jets: s and δ over the rectangle; centre: s and δ at its centre.
+    """
 
     def __init__(self, s: Interval, d: Interval) -> None:
         self.s, self.d = s, d
         self.ds, self.dd = s - middle(s), d - middle(d)
         self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(middle(s)), Jet(middle(d)))
 
-    def about(self, centre: Interval, over: Jet) -> Interval:
-        """From its value in the middle and its derivatives over both."""
+    def mean_value(self, centre: Interval, over: Jet) -> Interval:
+        """Return an enclosure of a function, from its value at the centre and its derivatives over the rectangle."""
         return centre + over.s * self.ds + over.d * self.dd

@@ -1,30 +1,36 @@
-"""A and C, which are P(1,1,0): X = ε cos 2πτ < 0 for A, > 0 for C."""
+"""A and C, the motions P(1,1,0): equations (15.1) to (15.4) of docs/proofs.md; X = ε cos 2πτ is negative for A."""
 
 from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, less, middle, require
 
-SHORTEST, PLACES = 2.0**-18, 32  # a part of a flight; of a search, on either side
+#: Shortest part of a flight that is bisected, in forcing periods.
+SHORTEST = 2.0**-18
+#: Points on each side of the best one, in each step of the search for the lowest point of a flight.
+PLACES = 32
 
 
 def sine_of(d: Jet) -> Jet:
-    """Y = ε sin 2πτ."""
+    """Return Y = ε sin 2πτ (15.1)."""
     end = d.decay()
     return 2 - d * (1 + end) / (1 - end)
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Φ − β at t after the impact, which leaves with −2πδ."""
-    sine, cosine = t.turn(2)
+    """Return the displacement Φ − β a time t after the impact (15.3); the speed after the impact is 2πδ."""
+    sine, cosine = t.sine_and_cosine(2)
     y = sine_of(d)
     rest = ((2 - y + d) * (2 * PI)) / d
     return t * (4 * PI) - rest * (1 - (d * t).decay()) - (1 - cosine) * x - y * sine
 
 
 class OneImpact:
-    """A or C over a block: at all δ of an interval, with ε² between two numbers."""
+    """A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
+
+    born: the closure equations have a solution at all points of the block; unborn: at none.
+    """
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
         box = ParameterBox(ZERO, d)
-        y = box.about(sine_of(box.centre[1]).x, sine_of(box.jets[1]))
+        y = box.mean_value(sine_of(box.centre[1]).x, sine_of(box.jets[1]))
         self.d, self.beta, self.letter = d, beta, letter
         self.born, self.unborn = less(y**2, low), less(high, y**2)
         if not self.unborn:
@@ -32,23 +38,24 @@ class OneImpact:
             x = IV.sqrt(IV.mpf([least.a, (high - y**2).b]))
             self.x = x if letter == "C" else -x
 
-    def there(self) -> bool:
-        """Return whether it is there at all points; else it is at none."""
+    def exists(self) -> bool:
+        """Return whether the motion exists: True at all points of the block, or False at all of them."""
         if self.unborn:
             return False
         if self.born and self.stays():
             return True
-        require(self.touches(), f"it is not told whether {self.letter} is there")
+        require(self.touches(), f"it is undecided whether {self.letter} exists")
         return False
 
     def stays(self) -> bool:
-        """Return whether −2β < Φ − β < 0 between two impacts."""
+        """Return whether −2β < Φ − β < 0 is proved at all times between two impacts."""
         parts = [(ZERO, ONE)]
         while parts:
             low, high = parts.pop()
             box = ParameterBox(IV.mpf([low.a, high.b]), self.d)
             over = height_at(*box.jets, self.x)
-            y = box.about(height_at(*box.centre, self.x).x, over)
+            y = box.mean_value(height_at(*box.centre, self.x).x, over)
+            # Φ − β is 0 at both impacts, so next to them its derivative decides
             leaves = less(over.s, ZERO) if low == 0 else less(ZERO, over.s) if high == 1 else less(y, ZERO)
             if not (leaves and less(-2 * self.beta, y)):
                 if less(high - low, SHORTEST):
@@ -58,26 +65,27 @@ class OneImpact:
         return True
 
     def touches(self) -> bool:
-        """Return whether some place of the flight is beyond Σ⁻: looked for at one point, proved for all."""
+        """Return whether the flight is proved to pass Σ⁻ at one time t, the same at all points of the block."""
         t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
         for _ in range(3):
             places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
             t = min(places, key=lambda each: float(height_at(Jet(each), d, self.x.a).x.mid.a))
             step = step / PLACES
-        require(less(ZERO, t) and less(t, ONE), "a flight is lowest at its ends")
+        require(less(ZERO, t) and less(t, ONE), "the lowest point of the flight was not found between its ends")
         box = ParameterBox(t, self.d)
-        return less(box.about(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta)
+        return less(box.mean_value(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta)
 
     def attracts(self) -> bool:
-        """Return whether both multipliers are inside the unit circle everywhere; else one is outside everywhere."""
+        """Return whether the motion attracts: True at all points of the block, or False at all of them."""
         box = ParameterBox(ZERO, self.d)
 
-        def ratio(d: Jet) -> Jet:  # X less than this, 2(1 + E)δ²/4π(1 − E), and more than 0
+        def flip_of(d: Jet) -> Jet:
+            """Return the X at which C flips (15.4); the motion attracts if 0 < X < this."""
             end = d.decay()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
-        flip = box.about(ratio(box.centre[1]).x, ratio(box.jets[1]))
+        flip = box.mean_value(flip_of(box.centre[1]).x, flip_of(box.jets[1]))
         inside = less(ZERO, self.x) and less(self.x, flip)
         outside = less(self.x, ZERO) or less(flip, self.x)
-        require(inside or outside, f"it is not told whether {self.letter} attracts")
+        require(inside or outside, f"it is undecided whether {self.letter} attracts")
         return inside
