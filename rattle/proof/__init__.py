@@ -1,1 +1,1 @@
-"""Periodic motions as theorems: a finder in ball arithmetic, its certificates, and a checker that shares no code."""
+"""Prove periodic motions as theorems: a finder in ball arithmetic, certificates, and an independent checker."""

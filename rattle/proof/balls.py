@@ -1,6 +1,7 @@
-"""Ball arithmetic: every operation encloses what it stands for (python-flint, which the extra `proof` installs).
+"""Ball arithmetic with python-flint (extra `proof`): every operation returns a ball that holds all possible results.
 
-A comparison of balls is true if it holds for all of their numbers, so what cannot be told is refused: `not (x > 0)`.
+A comparison is true only if it holds for all numbers of both balls. Code therefore tests `not (x > 0)`, which also
+refuses an undecided comparison.
 """
 
 import threading
@@ -24,7 +25,7 @@ _PRECISION = threading.RLock()
 
 @contextmanager
 def precision(bits: int = BITS) -> Iterator[None]:
-    """Within it, balls have so many bits and series first order: both are of the whole process; threads take turns."""
+    """Set the bits of balls, and first-order series, in a `with` block. The setting is global: threads take turns."""
     with _PRECISION, ctx.workprec(bits):
         before, ctx.cap = ctx.cap, 2
         try:
@@ -34,7 +35,7 @@ def precision(bits: int = BITS) -> Iterator[None]:
 
 
 def tight() -> float:
-    """Return a radius that leaves three tenths of the bits to what is computed from such a ball."""
+    """Return a radius that leaves three tenths of the working precision to results computed from such a ball."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 
@@ -44,23 +45,23 @@ def ball(number: Fraction) -> arb:
 
 
 def around(centre: Fraction, radius: Fraction) -> arb:
-    """Return a ball that holds centre ± radius."""
+    """Return a ball that holds [centre − radius, centre + radius]."""
     return ball(centre) + arb(0, 1) * ball(radius)
 
 
 def ends(x: arb) -> tuple[Fraction, Fraction]:
-    """Return both ends of a ball, exactly or wider."""
+    """Return the lower and the upper end of a ball as fractions, rounded outwards."""
     return exactly(x.lower()), exactly(x.upper())
 
 
 def exactly(x: arb) -> Fraction:
-    """Return the midpoint of a ball."""
+    """Return the midpoint of a ball as an exact fraction."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
 def nearest(x: arb, places: int) -> Fraction:
-    """Return a decimal of so many places beside the midpoint of a ball."""
+    """Return the midpoint of a ball rounded to `places` decimals."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     whole = mantissa * 10**places
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)

@@ -1,4 +1,4 @@
-"""Theorem about one motion: exact numbers, so that anybody can check it."""
+"""The certificate of one periodic motion; all its numbers are exact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fractions import Fraction
 from rattle.errors import ParameterError, require_finite
 
 FORMAT = 1
-#: A decimal, or a ratio of integers; short enough for its powers of ten to be written out.
+#: A decimal number or a ratio of integers. The exponent is short, so that the number can be written out as an integer.
 NUMBER = re.compile(r"[+-]?(\d{1,400}(\.\d{0,1100})?|\.\d{1,1100})([eE][+-]?\d{1,3})?|[+-]?\d{1,1100}/[1-9]\d{0,1100}")
 
 Exact = str | float | Fraction
@@ -20,7 +20,7 @@ Ends = tuple[Fraction, Fraction]
 
 
 class Verdict(StrEnum):
-    """Verdict by the enclosed multipliers."""
+    """Stability of a motion, from its enclosed multipliers."""
 
     ATTRACTING = "attracting"
     SADDLE = "saddle"
@@ -29,13 +29,22 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Certificate:
-    """A theorem about one motion of the gear at exact parameters.
+    """Theorem about one periodic motion of a gear at exact parameters.
 
-    There is exactly one periodic motion with these times, each ± time_radius, and speeds, each ± speed_radius. It
-    meets exactly these walls in this order in m forcing periods, m being its least period; no speed is 0. times: of its
-    impacts, speeds: after them; of the stiff gear both at begin and end of each contact in turn. trace, determinant,
-    multipliers: ends of enclosures (of multipliers, those of real and imaginary part in turn). verdict: whether both
-    multipliers are inside the unit circle ("attracting"), one is outside ("saddle"), or that is not decided.
+    Exactly one periodic motion has its event times within time_radius of `times` and its speeds within speed_radius of
+    `speeds`. It meets exactly `walls`, in this order, in m forcing periods. Its least period is m, and no speed is 0.
+
+    Attributes
+    ----------
+    times, speeds : tuple[Fraction, ...]
+        Of the impacting gear the times of impacts and the speeds after them. Of the stiff gear the times and speeds at
+        the beginning and end of each contact in turn.
+    trace, determinant
+        Ends of the enclosures of the tangent map's trace and determinant over one period.
+    multipliers
+        Ends of the enclosures of both multipliers: real part, then imaginary part, of each.
+    verdict : Verdict
+        "attracting" if both multipliers lie inside the unit circle, "saddle" if one lies outside, else "undecided".
     """
 
     model: str
@@ -54,11 +63,11 @@ class Certificate:
 
     @property
     def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
+        """Label (m, n_plus, n_minus) of the motion."""
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the theorem as one sentence."""
         m, n_plus, n_minus = self.label
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         return (
@@ -67,7 +76,7 @@ class Certificate:
         )
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
+        """Return the certificate as a JSON document. Numbers except integers are texts: decimals or ratios."""
         return {
             "format": FORMAT,
             "model": self.model,
@@ -86,12 +95,12 @@ class Certificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate's JSON document on one line."""
         return json.dumps(self.document(), ensure_ascii=False)
 
 
 def exact_number(name: str, value: Exact) -> Fraction:
-    """Return a decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
+    """Return the exact value of a decimal or ratio in a text, of a Fraction, or of a double. Raises ParameterError."""
     if isinstance(value, str):
         if NUMBER.fullmatch(value):
             return Fraction(value)
@@ -99,11 +108,13 @@ def exact_number(name: str, value: Exact) -> Fraction:
         return value
     else:
         return Fraction(require_finite(name, value))
-    raise ParameterError(f"{name} must be a number, or text such as '0.6' or '3/5' for that very number, got {value!r}")
+    raise ParameterError(
+        f"{name} must be a number, or a text such as '0.6' or '3/5' for an exact number, got {value!r}"
+    )
 
 
 def text(value: Fraction) -> str:
-    """Return an exact number as a decimal, or as a ratio where it is none."""
+    """Return an exact number as a decimal if its decimals end, else as a ratio."""
     twos, fives, rest = 0, 0, value.denominator
     while rest % 2 == 0:
         rest, twos = rest // 2, twos + 1

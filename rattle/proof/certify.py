@@ -1,4 +1,4 @@
-"""Proofs as the library offers them."""
+"""The public entry to proofs of periodic motions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from rattle.errors import ParameterError, require
 from rattle.orbits.periodic import Periodic
 from rattle.proof.certificate import Certificate, Exact, exact_number
 
-SAME = 1e-14  # relative difference that rounding may leave
+SAME = 1e-14  # largest relative difference that counts as rounding
 
 
 def certify(
@@ -16,21 +16,29 @@ def certify(
     beta: Exact | None = None,
     **added: Exact | None,
 ) -> Certificate:
-    """Prove that a computed periodic motion exists, alone near by, with its label, and enclose its multipliers.
+    """Prove that a computed periodic motion exists and has its label, and enclose its multipliers.
 
-    Its parameters are the doubles that they are, or exact numbers given here that differ by rounding alone: text such
-    as "0.6" or "3/5", or a Fraction. Needs the extra `proof`. Raises ParameterError, and NotProvedError where no proof
-    was found, which says why; then the motion may still be there. Source: docs/proofs.md.
+    The motion is the only one close to the computed one. Needs the extra `proof`. Source: docs/proofs.md.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        The computed motion.
+    delta, epsilon, beta : float, str or Fraction, optional
+        Exact parameters of the proof, such as "0.6" or "3/5". They may differ from those of the motion by rounding
+        only. Default: the doubles at which the motion was computed.
 
     Returns
     -------
     Certificate
-        The certificate.
+        The theorem. `rattle certify --check` verifies it independently.
 
     Raises
     ------
     ParameterError
-        If an exact number is not that of the motion.
+        If an exact parameter is not that of the motion.
+    NotProvedError
+        If the proof fails. The message names the failed step. The motion may exist nevertheless.
     """
     require(
         isinstance(orbit, Periodic),
@@ -50,7 +58,9 @@ def certify(
             continue
         parameters[name] = exact_number(name, has if given is None else given)
         if abs(float(parameters[name]) - has) > SAME * abs(has):
-            raise ParameterError(f"{name} of the motion is {has!r}: it was not computed at {given}")
-    from rattle.proof.finder import certified  # with python-flint, which only proofs need
+            raise ParameterError(
+                f"the motion was computed at {name} = {has!r}, not computed at {given}: give equal values"
+            )
+    from rattle.proof.finder import certified  # imported here because it needs python-flint
 
     return certified(orbit, parameters)

@@ -1,8 +1,11 @@
-"""Check certificates of periodic motions of the gear, trusting nobody: `python check.py FILE`.
+"""Check certificates of periodic motions independently of the finder: `python check.py FILE`.
 
-Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots;
-pi, exp, sin and cos are widened by 2⁻²⁸⁰. A piece of a motion solves y'' + δy' + ky = g(t) from an event to the next, k
-being 0 in a flight and 2κ in a contact; unknown are times and velocities after all events (docs/proofs.md).
+The file needs only Python and mpmath. Of mpmath's intervals it trusts + − × ÷ and roots; pi, exp, sin and cos are
+widened by 2⁻²⁸⁰. Unknown are times and velocities after all events. Between two events a piece of a motion solves
+
+    y'' + δy' + ky = g(t),    k = 0 in a flight, k = 2κ in a contact.
+
+docs/proofs.md has the lemmas.
 """
 
 import json
@@ -20,52 +23,58 @@ IV = MPIntervalContext()
 IV.prec = 320
 ZERO, UNIT, SLACK = IV.mpf(0), IV.mpf([-1, 1]), IV.mpf([-(2.0**-280), 2.0**-280])
 TWO_PI = 2 * (IV.pi + SLACK)
-MOST_PARTS, MOST_EVENTS = 4000, 1024  # of a piece, of a motion
+MOST_PARTS, MOST_EVENTS = 4000, 1024  # most parts of a piece, most events of a motion
 NUMBER = re.compile(r"-?\d{1,400}(\.\d{1,1100}|/\d{1,1100})?")
 
 
 class Refused(Exception):  # noqa: N818 - it is an answer, no fault
-    """Why a certificate is not proved."""
+    """A certificate is not proved; the message gives the reason."""
 
 
 def require(ok: bool, why: str) -> None:
-    """Raise Refused unless ok."""
+    """Raise Refused with the reason `why` unless `ok` is true."""
     if not ok:
         raise Refused(why)
 
 
 def exact_fraction(text: str) -> Interval:
-    """Return an interval about the very number that a decimal or a ratio is."""
-    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number")
+    """Return an interval that holds the exact value of a decimal or a ratio."""
+    require(
+        bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is not an exact number: write a decimal or a ratio of integers"
+    )
     number = Fraction(text)
     return IV.mpf(number.numerator) / IV.mpf(number.denominator)
 
 
 def is_positive(*intervals: Interval) -> bool:
-    """Return whether all numbers of all intervals are > 0; what is not a number is not."""
+    """Return whether all numbers of all intervals are positive. NaN is not."""
     return all(bool(x.a > 0) and bool(x.b > 0) for x in intervals)
 
 
 def sine_and_cosine(x: Interval) -> tuple[Interval, Interval]:
-    """Sine and cosine of 2πx."""
+    """Enclose the sine and cosine of 2πx."""
     return IV.sin(TWO_PI * x) + SLACK, IV.cos(TWO_PI * x) + SLACK
 
 
 class CertifiedMotion:
-    """Motion of a certificate: its events are impacts, or begins and ends of contacts."""
+    """The motion of a certificate. Its events are impacts, or beginnings and ends of contacts."""
 
     def __init__(self, document: Any) -> None:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
-        require({*document["parameters"]} == {*names}, f"its parameters are not {', '.join(names)}")
+        require({*document["parameters"]} == {*names}, f"the certificate's parameters are not {', '.join(names)}")
         self.delta, self.epsilon, self.beta, *kappa = (exact_fraction(document["parameters"][name]) for name in names)
         self.itinerary, (self.m, *counts) = document["walls"], document["label"]
         whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
-        require(whole, "its walls are not 1 and -1, or its forcing periods not 1, 2, …")
-        require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "its label does not count its walls")
-        self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)  # what an event makes of a velocity
+        require(whole, "walls must be 1 or -1, and the number of forcing periods a positive integer")
+        require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "the label does not count the walls")
+        # turns: factor by which an event multiplies the velocity
+        self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)
         self.walls = [wall for wall in self.itinerary for _ in self.k]
         times, speeds = document["times"], document["speeds"]
-        require(len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS, "it has other times than events")
+        require(
+            len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS,
+            "times and speeds are not one for each event, or too many",
+        )
         signs = [-wall * (-1 if kappa and i % 2 == 0 else 1) for i, wall in enumerate(self.walls)]
         self.centre = [
             x
@@ -80,14 +89,12 @@ class CertifiedMotion:
         return [MotionPiece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
-        """Return the errors of y and the velocity at the end of each piece, all 0 for a motion.
-
-        With rows {unknown: derivative}.
+        """Return the mismatch of y and of the velocity at the end of each piece, which vanishes for a motion.
 
         Returns
         -------
         tuple[list[Interval], list[dict[int, Interval]]]
-            Errors, and rows of derivatives.
+            The mismatches, and the rows of their Jacobian as {number of the unknown: derivative}.
         """
         values, rows = [], []
         for p in self.pieces(x):
@@ -102,11 +109,11 @@ class CertifiedMotion:
         return values, rows
 
     def enclosed(self) -> list[Interval]:
-        """Intervals that hold the one motion of the box, by Krawczyk's operator."""
+        """Enclose the one motion in the certificate's box by Krawczyk's operator (lemma 2)."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
-        for _ in range(6):  # once proves it, and again gives less each time
+        for _ in range(6):  # the first application proves the zero, later ones shrink its enclosure
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
             moved = []
             for i, line in enumerate(about):
@@ -115,34 +122,35 @@ class CertifiedMotion:
                 ]
                 moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
             inside = (is_positive(radius - dx, radius + dx) for radius, dx in zip(self.radii, moved, strict=True))
-            require(all(inside), "its box is not mapped into itself")
+            require(all(inside), "Krawczyk's operator does not map the box into itself")
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Each piece begins and ends at its walls with speeds that are not 0, and meets or leaves none on its way."""
+        """Raise Refused unless each piece joins its two walls at speeds above 0, and meets or leaves none between."""
         for i, p in enumerate(self.pieces(x), 1):
-            side = p.wall if p.k != 0 else -p.wall  # a contact is beyond its wall
+            side = p.wall if p.k != 0 else -p.wall  # a contact compresses its wall, a flight leaves it
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
-            require(
-                is_positive(p.duration, *speeds), f"piece {i} takes no time, or grazes, or comes from behind a wall"
-            )
-            require(p.stays(), f"piece {i} may meet a wall, or leave it, on its way")
+            require(is_positive(p.duration, *speeds), f"piece {i} has no duration, grazes, or comes from behind a wall")
+            require(p.stays(), f"piece {i} is not proved to stay off (in contact: on) its walls until its end")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """No part of the m forcing periods is a period."""
+        """Raise Refused unless no divisor of the m forcing periods is a period (lemma 7)."""
         n, times = len(self.itinerary), [*x[::2], *(t + self.m for t in x[::2])]
         for parts in range(2, n + 1):
             shift = n // parts
             shifted = [*self.itinerary[shift:], *self.itinerary[:shift]]
             if self.m % parts == n % parts == 0 and shifted == self.itinerary:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift * len(self.k) :], strict=False)]
-                require(any(is_positive(gap) or is_positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+                require(
+                    any(is_positive(gap) or is_positive(-gap) for gap in gaps),
+                    f"the motion may repeat {parts} times within its period",
+                )
 
     def trace(self, x: Sequence[Interval]) -> Interval:
-        """Return the trace of the tangent map over the period.
+        """Enclose the trace of the tangent map over the period.
 
-        That of an impact is [[−1, 0], [2g/v, −1]], v the velocity before.
+        An impact contributes the factor [[−1, 0], [2g/v, −1]], where v is the velocity before it.
 
         Returns
         -------
@@ -160,7 +168,7 @@ class CertifiedMotion:
 
 
 class MotionPiece:
-    """y'' + δy' + ky = g(t) from event i to the next, where y is Φ less what it is at the event."""
+    """The motion from event i to the next, y'' + δy' + ky = g(t), where y is Φ minus its value at event i."""
 
     def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
         j = (i + 1) % len(motion.walls)
@@ -174,19 +182,19 @@ class MotionPiece:
         self.y0, self.v0 = self.driven(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """Return g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        """Return the contact force g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def driven(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return one solution of the equation, and its derivative, after u."""
+        """Return a particular solution of the equation and its derivative, at the time u after the event."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0
         return y + 2 * TWO_PI * (u if flies else self.delta / self.k), v + (2 * TWO_PI if flies else 0)
 
     def tangent(self, u: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """[[C, S], [−kS, C − δS]], the map of (y, y') over the time u where nothing drives."""
+        """Return the map [[C, S], [−kS, C − δS]] of (y, y') over the time u without forcing."""
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
@@ -196,27 +204,20 @@ class MotionPiece:
         return c, s, -self.k * s, c - self.delta * s
 
     def after(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return y and y' after u."""
+        """Return y and y' at the time u after the event."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def stays(self) -> bool:
-        """Return whether y clears the walls, or stays in contact beyond its wall, within the piece.
-
-        At all times but both ends.
-
-        Returns
-        -------
-        bool
-            True if that is proved.
-        """
+        """Return whether y is proved clear of the walls between both ends (in a contact: beyond its wall)."""
 
         def clear(y: Interval) -> bool:
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
-        for _ in range(MOST_PARTS):  # y is clear, or on its wall, at the ends of each; between them if y' has one sign
+        # at both ends of a part y is clear or on its wall; if y' keeps its sign, y is clear between them
+        for _ in range(MOST_PARTS):
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.after(part)[1]
@@ -232,7 +233,7 @@ class MotionPiece:
 
 
 def roots(trace: Interval, determinant: Interval) -> list[Interval]:
-    """Real and imaginary parts, in turn, of both roots of λ² − trace λ + determinant."""
+    """Return real and imaginary part of both roots of λ² − trace λ + determinant = 0, in turn."""
     half, square = trace / 2, trace**2 / 4 - determinant
     root = IV.sqrt(abs(square))
     if is_positive(square):
@@ -241,10 +242,10 @@ def roots(trace: Interval, determinant: Interval) -> list[Interval]:
 
 
 def check(text: str) -> str:
-    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    """Prove the theorem of a certificate and return it as a sentence. Raises Refused."""
     try:
         document = json.loads(text)
-        require(document["format"] == 1, "its format is not known")
+        require(document["format"] == 1, "the certificate's format is unknown")
         motion = CertifiedMotion(document)
         x = motion.enclosed()
         motion.require_admissible(x)
@@ -258,16 +259,17 @@ def check(text: str) -> str:
         room = 1 + determinant - trace, 1 + determinant + trace
         outside, verdict = is_positive(-room[0]) or is_positive(-room[1]), document["verdict"]
         require(
-            {"attracting": is_positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"), "its verdict"
+            {"attracting": is_positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"),
+            "the multipliers are not proved to give the verdict",
         )
         where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
         return f"P({', '.join(map(str, document['label']))}), {verdict}, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise Refused(f"the certificate cannot be read: {error}") from error
 
 
 def main(path: str) -> int:
-    """Print what is proved of the certificate on each line of a file. Returns 1 if one is refused, else 0."""
+    """Check each line of a file and print its proved theorem. Returns 1 if a line is refused, else 0."""
     status = 0
     with open(path, encoding="utf-8") as file:
         for number, line in enumerate(file, 1):

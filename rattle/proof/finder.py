@@ -1,4 +1,4 @@
-"""The finder: from a computed motion to a theorem about the one that is there."""
+"""The finder of periodic motions: from a computed motion to a theorem about the exact one."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import ModelPlane
 from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
 
-ROOM = 10**4  # times the width of a ball that a published enclosure is wider: others round in other ways
-FINEST = Fraction(1, 10**12)  # unit of a published enclosure, of numbers of order 1
-PLACES = 25  # of speeds
+ROOM = 10**4  # margin of a published enclosure, in widths of the ball, so that programs with other rounding confirm it
+# unit to which the ends of a published enclosure are rounded outwards, for numbers of order 1
+FINEST = Fraction(1, 10**12)
+PLACES = 25  # decimals of published speeds
 SAME_TRACE = 1e-6
-LONG = 16  # impacts; derivatives along more of them multiply to what 128 bits may not enclose
+LONG = 16  # more impacts need 256 bits, because the product of their derivatives may exceed 128 bits
 
 
 class MotionSystem(Evaluated, Protocol):
@@ -31,18 +32,18 @@ class MotionSystem(Evaluated, Protocol):
 
     @property
     def speeds(self) -> list[arb]:
-        """Speeds at these times."""
+        """Speeds at the event times."""
 
     @property
     def trace(self) -> arb:
-        """The trace of the tangent map over the period."""
+        """Trace of the tangent map over the period."""
 
     def require_admissible(self) -> None:
-        """Raise NotProvedError unless every piece ends where it first can."""
+        """Raise NotProvedError unless every piece ends at the first event that it can reach."""
 
 
 def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
-    """Return the theorem about a computed motion at exact parameters. Raises NotProvedError."""
+    """Prove a computed motion at exact parameters and return the theorem. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
         motions, start = motions_of(orbit, parameters)
         found = enclosed(motions, start)
@@ -73,7 +74,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
-    """Return the motions of a computed one's itinerary by their times, and its own."""
+    """Return the system of all motions with the itinerary of a computed one, and the unknowns of the computed one."""
     plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
@@ -82,19 +83,21 @@ def motions_of(
 
 
 def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
-    """Raise NotProvedError unless what the computed motion says of itself is what is proved, but for rounding."""
+    """Raise NotProvedError unless the computed speeds and multipliers equal the proved ones but for rounding."""
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
     moved = max(abs(said - speed) for said, speed in zip(orbit.speeds, departures, strict=True))
     if not moved < MOST_MOVED * max(1.0, *departures):
-        raise NotProvedError(f"its speeds are not those that it gives: they differ by {moved:.1e}")
+        raise NotProvedError(
+            f"the computed speeds differ from the proved ones by {moved:.1e}, which is more than rounding"
+        )
     said = sum(orbit.multipliers).real
     if not abs(said - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
-        raise NotProvedError(f"its multipliers are not those that it gives: their sum is {float(trace):.6g}")
+        raise NotProvedError(f"the computed multipliers are wrong: the proved sum of both is {float(trace):.6g}")
 
 
 def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> None:
-    """Raise NotProvedError if the motion may repeat before m forcing periods are over."""
+    """Raise NotProvedError if the motion may repeat in fewer than m forcing periods (lemma 7)."""
     n, order = len(walls), tuple(walls)
     each = len(times) // n
     for parts in range(2, m + 1):
@@ -105,19 +108,19 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
             continue
         later = [*times, *(time + m for time in times)][shift * each :]
         if not any(abs(b - a - m // parts) > 0 for a, b in zip(times, later, strict=False)):
-            raise NotProvedError(f"it may repeat after {m // parts} of {m} forcing periods")
+            raise NotProvedError(f"the motion may already repeat after {m // parts} of its {m} forcing periods")
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Return the verdict by λ² − trace λ + determinant with 0 < determinant < 1.
+    """Return the stability from the roots of λ² − trace λ + determinant with 0 < determinant < 1 (lemma 8).
 
-    Both roots are inside the unit circle if and only if |trace| < 1 + determinant, and one is outside if |trace| is
-    more.
+    Both roots lie inside the unit circle if and only if |trace| < 1 + determinant. One lies outside if |trace| is
+    larger.
 
     Returns
     -------
     Verdict
-        UNDECIDED where the enclosures do not tell.
+        UNDECIDED if the enclosures overlap.
     """
     if abs(trace) < 1 + determinant:
         return Verdict.ATTRACTING
@@ -125,22 +128,24 @@ def verdict_of(trace: arb, determinant: arb) -> Verdict:
 
 
 def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
-    """Enclosures of both multipliers: of real and imaginary part in turn."""
+    """Enclose both multipliers: real and imaginary part of each, in turn."""
     zero, half, square = (Fraction(0), Fraction(0)), trace / 2, trace * trace / 4 - determinant
     if square > 0:
         return published(half + square.sqrt()), zero, published(half - square.sqrt()), zero
     if square < 0:
         root = (-square).sqrt()
         return published(half), published(root), published(half), published(-root)
-    spread = arb(0, 1) * square.abs_upper().sqrt()  # equal, or almost
+    spread = arb(0, 1) * square.abs_upper().sqrt()  # both multipliers are equal, or almost
     both = published(half + spread), published(spread)
     return both + both
 
 
 def published(x: arb) -> Ends:
-    """Return the ends of an enclosure in few digits, wider than the ball."""
+    """Return the ends of an enclosure in few digits, with a margin around the ball."""
     if not x.is_finite():
-        raise NotProvedError("its multipliers are not enclosed: its derivatives grow too fast on the way")
+        raise NotProvedError(
+            "the multipliers are not enclosed, because derivatives along the motion grow too fast for the precision"
+        )
     low, high = ends(x)
     least, unit = max(ROOM * (high - low), FINEST * abs(high)), FINEST
     while unit < least:
@@ -149,7 +154,7 @@ def published(x: arb) -> Ends:
 
 
 def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return a bound of the distance of the box's speeds from their centres, in two digits."""
+    """Return an upper bound, in two digits, of the distance between the enclosed speeds and their centres."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exactly(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

@@ -1,7 +1,11 @@
-"""Flights in balls: their velocities from their times, and the proof that they meet no wall on their way.
+"""Flights in balls: their velocities from their times, and the proof that they meet no wall before their end.
 
-Between walls Φ'' + δΦ' = g(t) = 4πδ − 2πε (2π cos 2πt + δ sin 2πt), so M = e^(δt) Φ' has M' = e^(δt) g: where g keeps
-its sign M is monotone, and Φ has one extremum at most (docs/kernel.md; lemmas 2 and 3 of docs/proofs.md).
+Between walls
+
+    Φ'' + δΦ' = g(t) = 4πδ − 2πε (2π cos 2πt + δ sin 2πt),
+    M = e^(δt) Φ',    M' = e^(δt) g.
+
+Where g keeps its sign M is monotone, so Φ has at most one extremum there (lemmas 3 and 4 of docs/proofs.md).
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ UP, DOWN = 1, -1
 
 @dataclass(frozen=True)
 class ModelPlane:
-    """δ, ε and β in balls, and what follows from them alone."""
+    """δ, ε and β in balls, and quantities that follow from them alone."""
 
     delta: arb
     epsilon: arb
@@ -30,43 +34,45 @@ class ModelPlane:
 
     @cached_property
     def drift(self) -> arb:
-        """4π."""
+        """Mean slope 4π of the particular solution."""
         return 4 * PI()
 
     @cached_property
     def swing(self) -> arb:
-        """2πε."""
+        """Velocity amplitude 2πε of the forcing."""
         return 2 * PI() * self.epsilon
 
     @cached_property
     def forcing(self) -> arb:
-        """4π²ε."""
+        """Acceleration amplitude 4π²ε of the forcing."""
         return 2 * PI() * self.swing
 
     def force(self, sine: arb, cosine: arb) -> arb:
-        """Return g where the forcing has this sine and cosine."""
+        """Return the contact force g at the phase with this sine and cosine."""
         return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
 
     @cached_property
     def edges(self) -> tuple[arb, ...]:
-        """The phases where g vanishes, none below the quiet limit."""
+        """The phases at which g vanishes; none below the quiet limit."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
         half, middle = share.acos() / (2 * PI()), (self.delta / (2 * PI())).atan() / (2 * PI())
         if not half > 0:
-            raise NotProvedError("it is not told whether the contact force changes sign: take ε off the quiet limit")
+            raise NotProvedError(
+                "whether the contact force changes sign is undecided; choose an ε farther from the quiet limit"
+            )
         return middle - half, middle + half
 
 
 @dataclass(frozen=True)
 class FlightEnclosure:
-    """A flight from time t0 over a distance to time t1, with velocities w0 and w1; derivatives as w0_t0 = ∂w0/∂t0."""
+    """A flight over `distance` from time t0 to t1, with velocities w0 and w1. Derivatives are named w0_t0 = ∂w0/∂t0."""
 
     plane: ModelPlane
     t0: arb
     t1: arb
-    rest: arb  # C, the part of −Φ' that decays, at t0
+    rest: arb  # C, the decaying part of −Φ', at t0
     cos0: arb
     w0: arb
     w1: arb
@@ -77,7 +83,7 @@ class FlightEnclosure:
     w1_t1: arb
 
     def at(self, t: arb) -> tuple[arb, arb]:
-        """Φ(t) − Φ(t0) and Φ'(t)."""
+        """Return Φ(t) − Φ(t0) and Φ'(t)."""
         plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
         kept = (-plane.delta * (t - self.t0)).exp()
         height = self.rest * (kept - 1) / plane.delta + plane.epsilon * (cosine - self.cos0)
@@ -87,7 +93,7 @@ class FlightEnclosure:
 def flight(
     plane: ModelPlane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
-    """Return the flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
+    """Return the flight between two times; turn0 and turn1 are (sine, cosine) of their phases (paper 3.1, 3.2)."""
     (sin0, cos0), (sin1, cos1), delta = turn0, turn1, plane.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
@@ -103,14 +109,14 @@ def flight(
 
 
 def sign(x: arb) -> int:
-    """Return the sign that all numbers of a ball have, 0 if they have not one."""
+    """Return the sign that all numbers of a ball share, or 0 if they share none."""
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
 def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
-    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` first.
+    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` first (lemma 3).
 
-    Its speeds are not 0 and all its extrema are between the walls: then it meets none on its way.
+    Its end speeds must not be 0, and all its extrema must lie between the walls.
 
     Raises
     ------
@@ -118,46 +124,48 @@ def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) ->
         If another wall may come first.
     """
     if not flight.t1 > flight.t0:
-        raise NotProvedError(f"{name} would take no time")
+        raise NotProvedError(f"{name} has no duration")
     if sign(flight.w0) != -wall or sign(flight.w1) != target:
-        raise NotProvedError(f"{name} would come from behind a wall or graze it")
-    above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)  # the walls, from the departure
+        raise NotProvedError(f"{name} is virtual, or grazes a wall at one of its ends")
+    # positions of the walls relative to the departure
+    above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)
     for turn, height in extrema(flight, name):
         if not (height > below if turn == UP else height < above):
             raise NotProvedError(f"{name} may touch Σ{'⁻' if turn == UP else '⁺'} on its way")
 
 
 def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
-    """(UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there) of all extrema of a flight.
+    """Yield the kind and height of each extremum of a flight.
 
-    Between two zeros of g M is monotone, and at them the sign of Φ' is told: each change of sign is an extremum.
+    Between two zeros of g M is monotone. The sign of Φ' is decided at each zero, and every change of sign is an
+    extremum (lemma 4).
 
     Yields
     ------
     tuple[int, arb]
-        UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there.
+        UP for a minimum or DOWN for a maximum; a ball that holds Φ − Φ(t0) there.
 
     Raises
     ------
     NotProvedError
-        If the extrema cannot be told apart.
+        If two extrema cannot be separated.
     """
     places = [flight.t0]
     for time in [*cuts(flight), flight.t1]:
         if places[-1] < time:
             places.append(time)
-        else:  # within rounding of each other: one place, around which Φ' has one sign
+        else:  # two zeros of g within rounding of each other: Φ' must keep one sign around both
             places[-1] = places[-1].union(time)
     signs = [sign(flight.at(place)[1]) for place in places]
     if not all(signs):
-        raise NotProvedError(f"{name} turns where the contact force vanishes, within rounding")
+        raise NotProvedError(f"{name} turns too close to a zero of the contact force to separate them")
     for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
         if after != before:
             yield after, extremum(flight, start, end, name)
 
 
 def cuts(flight: FlightEnclosure) -> list[arb]:
-    """Return the times in a flight, or within rounding of its ends, at which g vanishes, in order."""
+    """Return, in order, the times at which g vanishes in a flight or within rounding of its ends."""
     found = []
     for edge in flight.plane.edges:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
@@ -171,7 +179,7 @@ def cuts(flight: FlightEnclosure) -> list[arb]:
 def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
     """Return a ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
 
-    At any e there |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start.
+    At any time e there |M| ≤ |M(e)| between e and t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)|, L = end − start (lemma 5).
 
     Returns
     -------
@@ -185,14 +193,14 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
     """
     turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):
-        raise NotProvedError(f"{name} turns too close to a wall to be told")
+        raise NotProvedError(f"{name} turns too close to a wall: the height of its extremum is not enclosed")
     height, slope = flight.at(turn)
     length = end - start
     return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
 
 
 def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
-    """About where Φ' changes sign, in doubles: whatever it is, the bound about it holds."""
+    """Guess in doubles when Φ' changes sign. The bound of `extremum` holds for any guess."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)
 

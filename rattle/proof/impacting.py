@@ -1,7 +1,7 @@
-"""A periodic motion of the impacting gear as the times of its impacts, in balls.
+"""A periodic motion of the impacting gear, in balls, as the times of its impacts.
 
-The equations are those of `rattle.impacting.orbits.equations`: given its times a flight has its velocities, and every
-impact turns the velocity of arrival into minus that of departure.
+The equations are those of `rattle.impacting.orbits.equations`: the times determine each flight and its velocities. At
+each impact the velocity of departure must be minus the velocity of arrival.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from dataclasses import dataclass
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
 
-MODEL = "impacting"  # its name in certificates
+MODEL = "impacting"  # the gear's name in certificates
 
 
 @dataclass(frozen=True)
 class ImpactEnclosures:
-    """Flights (n,) in turn, each from the impact of its number; unknowns: the times (n,) of the impacts."""
+    """The flights (n,) of a motion, each from the impact of its number. Unknown are the times (n,) of the impacts."""
 
     walls: tuple[int, ...]
     flights: list[FlightEnclosure]
 
     @property
     def residual(self) -> list[arb]:
-        """R (n,): velocity of departure plus that of arrival."""
+        """R (n,): velocity of departure plus velocity of arrival at each impact."""
         return [here.w0 + self.flights[i - 1].w1 for i, here in enumerate(self.flights)]
 
     @property
     def jacobian(self) -> arb_mat:
-        """∂R/∂t (n, n)."""
+        """Jacobian ∂R/∂t (n, n)."""
         n = len(self.flights)
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, here in enumerate(self.flights):
@@ -47,10 +47,10 @@ class ImpactEnclosures:
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs)."""
+        """Trace of the product of the flights' tangent maps in (t, w²/2), each with determinant e^(−δs)."""
         product = arb_mat([[1, 0], [0, 1]])
         for each in self.flights:
-            # dw0 = w0_t0 dt0 + w0_t1 dt1 gives dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1
+            # solve dw0 = w0_t0 dt0 + w0_t1 dt1 for dt1, and insert it into dw1 = w1_t0 dt0 + w1_t1 dt1
             t_t, t_w = -each.w0_t0 / each.w0_t1, 1 / each.w0_t1
             w_t, w_w = each.w1_t0 + each.w1_t1 * t_t, each.w1_t1 * t_w
             product = arb_mat([[t_t, t_w / each.w0], [w_t * each.w1, w_w * each.w1 / each.w0]]) * product
@@ -65,14 +65,14 @@ class ImpactEnclosures:
 
 @dataclass(frozen=True)
 class ImpactingSystem:
-    """The motions that meet these walls (n,) in m forcing periods, by the times (n,) of their impacts."""
+    """The equations of motions that meet `walls` (n,) in m forcing periods, in the times (n,) of their impacts."""
 
     plane: ModelPlane
     walls: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
-        """Return the motion of these times; where R is not 0 its impacts are not elastic."""
+        """Evaluate the flights between these times. Where R is not 0, the impacts are not elastic."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

@@ -1,4 +1,4 @@
-"""Krawczyk's operator: existence and uniqueness of a zero in a box."""
+"""Krawczyk's operator: prove that a box holds exactly one zero of n equations (lemma 2 of docs/proofs.md)."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from numpy.typing import NDArray
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, around, ball, nearest, tight
 
-#: Half-widths of boxes, tried in this order: the largest says most.
+#: Half-widths of boxes, tried in this order. The largest box gives the strongest theorem.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
-PLACES = 28  # to which centres are rounded
-MOST_REPEATED = 12  # times that the operator is applied to what it gave, which then is tight
-MOST_MOVED = 1e-9  # what rounding may have left of a computed motion
+PLACES = 28  # decimals to which centres are rounded
+MOST_REPEATED = 12  # most applications of the operator to its own result, which tighten it
+MOST_MOVED = 1e-9  # largest distance between a computed motion and the exact one
 
 
 class Evaluated(Protocol):
-    """n equations in n unknowns, somewhere, in balls."""
+    """The values and the Jacobian of n equations at n unknowns, in balls."""
 
     @property
     def residual(self) -> list[arb]:
-        """R (n,)."""
+        """Values R (n,) of the equations."""
 
     @property
     def jacobian(self) -> arb_mat:
-        """∂R/∂x (n, n)."""
+        """Jacobian ∂R/∂x (n, n)."""
 
 
 Equations = Callable[[Sequence[arb]], Evaluated]
@@ -37,7 +37,7 @@ Equations = Callable[[Sequence[arb]], Evaluated]
 
 @dataclass(frozen=True)
 class Enclosure:
-    """An enclosure: one zero, and only one, lies in the box centre ± radius; it lies in the balls `zero` (n,)."""
+    """The box centre ± radius holds exactly one zero, which lies in the balls `zero` (n,)."""
 
     centre: list[Fraction]
     radius: Fraction
@@ -45,20 +45,24 @@ class Enclosure:
 
 
 def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
-    """Return the zero near a computed one.
+    """Prove that exactly one zero lies near a computed one.
 
-    K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) inside X proves it, whatever C is, and K(X) holds the zero: R. Krawczyk,
-    Computing 4 (1969) 187–201.
+    The operator is, for any matrix C,
+
+        K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c).
+
+    If K(X) lies inside the box X, the box holds exactly one zero, and K(X) holds it. Source: R. Krawczyk, Computing 4
+    (1969) 187–201.
 
     Returns
     -------
     Enclosure
-        The enclosure.
+        The box and the enclosed zero.
 
     Raises
     ------
     NotProvedError
-        Also if that is farther away than rounding can have left.
+        If no box is mapped into itself, or the zero is farther away than rounding allows.
     """
     about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
@@ -70,15 +74,17 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
             for _ in range(MOST_REPEATED):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _moved(equations, x, step, about, moved)  # which holds the zero as well, and is smaller
+                moved = _moved(equations, x, step, about, moved)  # the image holds the zero as well, and is smaller
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
-    raise NotProvedError("no box about the motion is mapped into itself: it is too close to a bifurcation")
+    raise NotProvedError(
+        "Krawczyk's operator maps no box about the motion into itself; the motion is too close to a bifurcation"
+    )
 
 
 def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
-    """Return an approximate inverse of ∂R/∂x at a computed zero, and the zero after two steps of Newton's method.
+    """Improve a computed zero by two steps of Newton's method, and return an approximate inverse of ∂R/∂x.
 
-    Then all of its places follow from the equations alone, not from how a machine adds doubles.
+    After two steps all decimals depend on the equations alone, not on how a machine rounds doubles.
 
     Returns
     -------
@@ -96,14 +102,16 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     step = (about * column(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
-        raise NotProvedError(f"the nearest motion that solves the equations is not this one, but {moved:.1e} away")
+        raise NotProvedError(
+            f"the nearest exact motion is {moved:.1e} away, farther than rounding of the computed one explains"
+        )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
     step = (about * column(equations(x).residual)).entries()
     return about, [nearest(a - b, PLACES) for a, b in zip(x, step, strict=True)]
 
 
 def inverse(matrix: arb_mat) -> arb_mat:
-    """About the inverse (n, n) of a matrix, in doubles."""
+    """Return an approximate inverse (n, n) of a matrix, computed in doubles."""
     middle = np.array([[float(each) for each in row] for row in matrix.tolist()])
     try:
         found = np.linalg.inv(middle)
@@ -115,12 +123,12 @@ def inverse(matrix: arb_mat) -> arb_mat:
 
 
 def column(entries: Sequence[arb]) -> arb_mat:
-    """Return a vector (n, 1)."""
+    """Return a vector as a matrix (n, 1)."""
     return arb_mat(len(entries), 1, list(entries))
 
 
 def _moved(equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]) -> list[arb]:
-    """K(x + box) − x, where step = C R(x)."""
+    """Return K(x + box) − x, where step = C R(x)."""
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian

@@ -1,7 +1,7 @@
-"""A periodic motion of the stiff gear as the times at which its contacts begin and end, in balls.
+"""A periodic motion of the stiff gear, in balls, as the times at which its contacts begin and end.
 
-Beyond Σ± y = Φ ∓ β obeys y'' + δy' + 2κy = g(t). A contact is entered with the velocity of the flight before it; at its
-end y = 0 again, with the velocity of the flight after it.
+Beyond Σ± the compression y = Φ ∓ β obeys y'' + δy' + 2κy = g(t). A contact begins with y = 0 and the velocity of the
+flight before it. At its end y = 0 again, and its velocity must be that of the flight after it.
 """
 
 from __future__ import annotations
@@ -14,44 +14,44 @@ from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
 
-MODEL, ADDED = "stiff", "kappa"  # its name in certificates, and what it has beside the plane
-MOST_PARTS = 2000  # of a contact, in the proof that it lasts
+MODEL, ADDED = "stiff", "kappa"  # the gear's name in certificates, and its parameter besides δ, ε and β
+MOST_PARTS = 2000  # parts into which a contact may be cut
 
 
 @dataclass(frozen=True)
 class Walls:
-    """The plane, and the stiffness κ of its walls."""
+    """The point of the plane, and the stiffness κ of the walls."""
 
     plane: ModelPlane
     kappa: arb
 
     @cached_property
     def response(self) -> tuple[arb, arb]:
-        """The amplitudes of the steady motion, of cos 2πt and of sin 2πt."""
+        """Amplitudes of the steady motion in contact, of cos 2πt and of sin 2πt."""
         stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
         a, b, size = -self.plane.forcing, -self.plane.delta * self.plane.swing, stiff * stiff + loss * loss
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
 
     @cached_property
     def mean(self) -> arb:
-        """The mean of the steady motion."""
+        """Mean of the steady motion in contact."""
         return self.plane.delta * self.plane.drift / (2 * self.kappa)
 
     @cached_property
     def rate(self) -> arb:
-        """√(2κ − δ²/4), the frequency of free motions in contact."""
+        """Angular frequency √(2κ − δ²/4) of free motions in contact."""
         square = 2 * self.kappa - self.plane.delta**2 / 4
         if not square > 0:
-            raise NotProvedError("contacts are overdamped, of which no proof is known here: kappa must exceed delta²/8")
+            raise NotProvedError("contacts are overdamped, which proofs do not cover; kappa must exceed delta²/8")
         return square.sqrt()
 
     def steady(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y' of the steady motion: permanent contact."""
+        """Return y and y' of the steady motion in permanent contact."""
         (a, b), (sine, cosine) = self.response, (2 * t).sin_cos_pi()
         return self.mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
-        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over the time u of contact."""
+        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over the time u in contact."""
         delta = self.plane.delta
         sine, cosine = (self.rate * u).sin_cos()
         kept = (-delta * u / 2).exp()
@@ -60,13 +60,13 @@ class Walls:
         return c, s, -2 * self.kappa * s, c - delta * s
 
     def force(self, time: arb) -> arb:
-        """Return g."""
+        """Return the contact force g at a time."""
         return self.plane.force(*(2 * time).sin_cos_pi())
 
 
 @dataclass(frozen=True)
 class ContactEnclosure:
-    """A contact from time t0, with velocity w, to time t1."""
+    """A contact that begins at time t0 with velocity w and ends at time t1."""
 
     walls: Walls
     t0: arb
@@ -75,22 +75,22 @@ class ContactEnclosure:
 
     @cached_property
     def start(self) -> tuple[arb, arb]:
-        """Distance of y and y' from the steady motion at first."""
+        """Difference of y and y' from the steady motion at t0."""
         y, v = self.walls.steady(self.t0)
         return -y, self.w - v
 
     @cached_property
     def tangent(self) -> tuple[arb, arb, arb, arb]:
-        """Over all of it."""
+        """Tangent map over the whole contact."""
         return self.walls.tangent(self.t1 - self.t0)
 
     @cached_property
     def end(self) -> tuple[arb, arb]:
-        """The value of y and y' at t1."""
+        """Values of y and y' at t1."""
         return self._moved(self.t1, self.tangent)
 
     def at(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y'."""
+        """Return y and y' at the time t."""
         return self._moved(t, self.walls.tangent(t - self.t0))
 
     def _moved(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
@@ -100,7 +100,7 @@ class ContactEnclosure:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts (c,) and flights (c,) in turn; unknowns (2c,): when each contact begins and ends."""
+    """The contacts (c,) and flights (c,) of a motion in turn. Unknown (2c,): beginning and end of each contact."""
 
     walls: Walls
     itinerary: tuple[int, ...]
@@ -109,13 +109,13 @@ class Contacts:
 
     @property
     def residual(self) -> list[arb]:
-        """R (2c,): of each contact its y at the end, and its velocity there less that of the flight."""
+        """R (2c,): for each contact y at its end, and the jump in velocity to the next flight."""
         pairs = zip(self.contacts, self.flights, strict=True)
         return [each for contact, after in pairs for each in (contact.end[0], contact.end[1] - after.w0)]
 
     @property
     def jacobian(self) -> arb_mat:
-        """∂R/∂t (2c, 2c)."""
+        """Jacobian ∂R/∂t (2c, 2c)."""
         n, delta = 2 * len(self.itinerary), self.walls.plane.delta
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
@@ -133,13 +133,13 @@ class Contacts:
 
     @property
     def speeds(self) -> list[arb]:
-        """Speeds (2c,): with which each contact begins and ends."""
+        """Speeds (2c,) at the beginning and end of each contact."""
         each = zip(self.itinerary, self.contacts, self.flights, strict=True)
         return [speed for wall, contact, after in each for speed in (wall * contact.w, -wall * after.w0)]
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the tangent maps of (Φ, Φ') of all pieces, each of determinant e^(−δs)."""
+        """Trace of the product of the tangent maps of all pieces in (Φ, Φ'), each with determinant e^(−δs)."""
         product, delta = arb_mat([[1, 0], [0, 1]]), self.walls.plane.delta
         for contact, after in zip(self.contacts, self.flights, strict=True):
             c, s, c1, s1 = contact.tangent
@@ -149,7 +149,7 @@ class Contacts:
         return product.trace()
 
     def require_admissible(self) -> None:
-        """Raise NotProvedError unless each contact and each flight ends where it first can."""
+        """Raise NotProvedError unless each contact and each flight ends at the first time that it can."""
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             wall, target = self.itinerary[i], self.itinerary[(i + 1) % len(self.itinerary)]
             require_lasts(contact, wall, f"contact {i + 1}")
@@ -158,14 +158,14 @@ class Contacts:
 
 @dataclass(frozen=True)
 class StiffSystem:
-    """The motions that meet these walls (c,) in m forcing periods, by the times (2c,) of their contacts."""
+    """The equations of motions that meet `walls` (c,) in m forcing periods, in the times (2c,) of their contacts."""
 
     walls: Walls
     itinerary: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
-        """Return the motion of these times; where R is not 0 its contacts do not fit between its flights."""
+        """Evaluate the contacts and flights between these times. Where R is not 0, they do not join continuously."""
         c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
@@ -180,20 +180,20 @@ class StiffSystem:
 
 
 def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
-    """Raise NotProvedError unless ±y > 0 all through the contact, by bisection of its time.
+    """Raise NotProvedError unless ±y > 0 throughout the contact (lemma 6).
 
-    At the ends of each part ±y > 0 or, at those of the contact, y = 0; where y' has one sign that is so between them,
-    and elsewhere the mean value theorem bounds y.
+    The contact is bisected in time. At both ends of each part ±y > 0, or y = 0 at an end of the contact. If y' keeps
+    its sign on the part, ±y > 0 inside; otherwise the mean value theorem bounds y.
 
     Raises
     ------
     NotProvedError
-        If the contact may end before.
+        If the contact may end earlier.
     """
     if not contact.t1 > contact.t0:
-        raise NotProvedError(f"{name} would take no time")
+        raise NotProvedError(f"{name} has no duration")
     if not wall * contact.w > 0:
-        raise NotProvedError(f"{name} would begin from behind the wall, or graze it")
+        raise NotProvedError(f"{name} is virtual: it begins from behind the wall, or grazes it")
     parts = [(contact.t0.lower(), contact.t1.upper())]
     for _ in range(MOST_PARTS):
         start, end = parts.pop()
@@ -207,4 +207,4 @@ def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
                 parts += [(start, middle), (middle, end)]
         if not parts:
             return
-    raise NotProvedError(f"{name} may be over before")
+    raise NotProvedError(f"{name} may end before the given time")

@@ -1,1 +1,1 @@
-"""Blocks of the plane on which something is proved as a whole: a finder in balls, and a checker that shares no code."""
+"""Prove claims about all points of a block of the plane: a finder in balls, and an independent checker."""

@@ -1,4 +1,4 @@
-"""Theorem about a block of the plane: exact numbers, so that anybody can check it."""
+"""The certificate of a claim about all points of a block of the (δ, ε) plane; all its numbers are exact."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ FORMAT = 1
 
 
 class ClaimedState(StrEnum):
-    """Claim about A, B, C or D."""
+    """State that a claim gives to the motion A, B, C or D."""
 
     NONE = "none"
-    THERE = "there"  # one, and whether it attracts is left open
+    THERE = "there"  # exactly one such motion exists; its stability is not claimed
     ATTRACTING = "attracting"
     SADDLE = "saddle"
 
@@ -32,7 +32,7 @@ REGIONS = {
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
-#: What a claim says of which motions; of those that it does not name it says nothing.
+#: The state of each motion that a claim names; a claim states nothing about other motions.
 CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},
@@ -44,7 +44,19 @@ QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captu
 
 @dataclass(frozen=True)
 class ProvedBlock:
-    """A theorem about all δ and ε between these ends, at one β; speed: below it quiet captures, if that is claimed."""
+    """Theorem about all points of the block delta × epsilon at one half-backlash beta.
+
+    Attributes
+    ----------
+    claim : str
+        A key of `CLAIMS`, or `QUIET`, `LOUD` or `CAPTURED`.
+    beta : Fraction
+        Half-backlash.
+    delta, epsilon : tuple[Fraction, Fraction]
+        Ends of the block; its edges belong to it.
+    speed : Fraction or None
+        With the claim `CAPTURED`: every motion that leaves Σ⁺ slower than this becomes quiet.
+    """
 
     claim: str
     beta: Fraction
@@ -54,11 +66,11 @@ class ProvedBlock:
 
     @property
     def area(self) -> Fraction:
-        """(δ₁ − δ₀)(ε₁ − ε₀)."""
+        """Area of the block in the (δ, ε) plane, (δ₁ − δ₀)(ε₁ − ε₀)."""
         return (self.delta[1] - self.delta[0]) * (self.epsilon[1] - self.epsilon[0])
 
     def document(self) -> dict[str, object]:
-        """Return the block as a JSON document: every number is text, a decimal or a ratio, and exact."""
+        """Return the certificate as a JSON document. Its numbers are exact texts: decimals or ratios of integers."""
         document: dict[str, object] = {
             "format": FORMAT,
             "theorem": "area",
@@ -70,5 +82,5 @@ class ProvedBlock:
         return document if self.speed is None else {**document, "speed": text(self.speed)}
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate's JSON document on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -1,7 +1,8 @@
-"""A plane in columns: of each, the blocks on which claims are proved. Doubles guess where; balls prove it.
+"""Prove claims on blocks of the plane, column by column in δ. Doubles guess where a claim holds; balls prove it.
 
-In a column of δ what holds changes with ε at few places, which move with δ. Between the farthest that they come, less a
-margin, the claim is tried as a whole, and where that fails in halves.
+Within a column the claim that holds changes with ε at a few boundaries, and each boundary moves with δ. Between the
+farthest positions of two boundaries, less a margin, the claim is first tried on the whole range, and if that fails on
+its halves.
 """
 
 from __future__ import annotations
@@ -27,29 +28,30 @@ from rattle.proof.balls import ball, precision
 from rattle.proof.certificate import Ends
 
 BITS = 64
-#: Into how many parts a column is cut for the claims of a kind: those on C take little time.
+#: Number of narrower columns into which a column is cut, by kind of claim. Claims on C take little time.
 CUT = {"region": 1, QUIET: 1, "D": 1, "C": 4}
-MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))  # in ε, from where a claim ends
-CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)  # of the quiet limit
-SLOWED, MOST_SLOWED = Fraction(3, 4), 12  # speeds that are tried, from that of docs/decisions/0003
-ROOM = Fraction(85, 100)  # of what was proved, so that others, who round otherwise, can confirm it
-SEEN, HALVED = 301, 24  # points along ε at which claims are looked for, and how often the steps between are halved
-BESIDE = 1e-6  # relative, of a curve
-PLACES = 6  # of corners in ε
-DEEPEST = 2  # times that the ε of a claim are halved
+MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))  # distances in ε from a guessed boundary
+# upper ends of blocks, as shares of the quiet limit
+CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
+SLOWED, MOST_SLOWED = Fraction(3, 4), 12  # factor between tried speeds, and their number; docs/decisions/0003 starts
+ROOM = Fraction(85, 100)  # published share of the proved speed, so that programs with other rounding confirm it
+SEEN, HALVED = 301, 24  # points along ε at which doubles evaluate claims; bisections between two unlike points
+BESIDE = 1e-6  # relative distance in ε of the points on either side of a curve
+PLACES = 6  # decimals of the ends of blocks in ε
+DEEPEST = 2  # most halvings of a claim's range of ε
 
-Span = tuple[str, float, float]  # a claim and the ε between which it holds
+Span = tuple[str, float, float]  # a claim, and the least and largest ε between which it holds
 
 
 def columns(delta: Ends, number: int) -> list[Ends]:
-    """Return `number` columns of equal width over δ."""
+    """Divide the interval delta into `number` columns of equal width."""
     low, high = delta
     places = [low + (high - low) * i / number for i in range(number + 1)]
     return list(pairwise(places))
 
 
 def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
-    """Return the blocks that are proved of a column."""
+    """Return the blocks on which claims are proved within one column."""
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in CUT.items():
@@ -62,7 +64,7 @@ def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
 
 
 def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
-    """Blocks that end at some shares of the quiet limit, each with a speed below which quiet captures."""
+    """Yield blocks that end at fixed shares of the quiet limit, each with a speed below which quiet captures."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURED_TO:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))
@@ -82,14 +84,14 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBloc
 
 
 def _within(low: float, high: float, plane: Ends) -> Ends:
-    """Return the same range in few digits, and the edges of the plane exactly."""
+    """Round a range of ε inwards to PLACES decimals, but keep the edges of the plane exactly."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
 def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
-    """Return the ε of the blocks on which the claim is proved."""
+    """Return the ranges of ε of the blocks on which the claim is proved."""
 
     def proves(low: Fraction, high: Fraction) -> bool:
         try:
@@ -117,14 +119,14 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
 
 
 def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds, as doubles tell.
+    """Return the ranges of ε on which each claim of a kind should hold, evaluated in doubles.
 
-    They hold at both edges and in the middle of a column.
+    A claim must hold at both edges and in the middle of the column.
 
     Returns
     -------
     list[Span]
-        (claim, low, high) of each span.
+        (claim, low, high) of each range.
     """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
     found = [_spans(kind, place, beta, epsilon) for place in places]
@@ -139,7 +141,7 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
 
 
 def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds, as doubles tell at one δ."""
+    """Return the ranges of ε on which each claim of a kind holds at one δ, evaluated in doubles."""
     grid = _places(delta, beta, epsilon)
     here = _claims(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])
@@ -154,7 +156,7 @@ def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
 
 
 def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
-    """ε in steps, and beside where A and C begin, flip and graze: what lies between may be narrower than a step."""
+    """Return values of ε in equal steps, and on both sides of each curve where A and C begin, flip or graze."""
     low, high = (float(end) for end in epsilon)
     known = [sn1_formula(delta), flip_formula(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
     beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
@@ -162,7 +164,7 @@ def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
 
 
 def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claims of a kind that hold at these points, "" where none does."""
+    """Return the claim of a kind that holds at each point, or "" where none holds."""
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

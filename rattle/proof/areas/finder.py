@@ -1,4 +1,4 @@
-"""The finder: whether a claim is proved on a block as a whole."""
+"""The finder of blocks: prove a claim over a whole block, or over parts of it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball
 from rattle.proof.certificate import Ends
 
-DEEPEST = 3  # times that the δ of a block are halved
+DEEPEST = 3  # most halvings of a block in δ
 
 
 @dataclass
 class Prover:
-    """Proves claims on blocks at one β; what it finds of B and D at some δ serves all blocks at these δ."""
+    """Prove claims on blocks at one β. Solutions for B and D are kept and serve all blocks with the same δ."""
 
     beta: Fraction
     _cells: dict[Ends, tuple[two_impacts.SolutionCell, two_impacts.SolutionCell]] = field(default_factory=dict)
 
     def require(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-        """Raise NotProvedError unless the claim holds at all points of δ₀ … δ₁, ε₀ … ε₁: as a whole, or of parts."""
+        """Raise NotProvedError unless the claim holds on the block delta × epsilon, as a whole or in halves of δ."""
         piece = PlanePiece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
         try:
             self._require_of(piece, claim, delta)
@@ -37,7 +37,7 @@ class Prover:
     def _require_of(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         if claim in (QUIET, LOUD):
             if quiet.possible(piece) is not (claim == QUIET):
-                raise NotProvedError(f"it is not told that {claim}")
+                raise NotProvedError(f"the claim '{claim}' is undecided")
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
@@ -58,10 +58,10 @@ def _of_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple
 
 
 def require_state(letter: str, state: ClaimedState, number: int | None, attracts: bool | None) -> None:
-    """Raise NotProvedError unless so many motions (None: not told) make this the state."""
+    """Raise NotProvedError unless the number of motions (None: unknown) and their stability give the claimed state."""
     if number is None:
-        raise NotProvedError(f"it is not told whether {letter} is there")
+        raise NotProvedError(f"whether {letter} exists is undecided")
     if number != (state is not ClaimedState.NONE):
-        raise NotProvedError(f"there are {number} motions {letter}, not {state}")
+        raise NotProvedError(f"{number} motions {letter} exist, which contradicts the claimed state {state!r}")
     if state in (ClaimedState.ATTRACTING, ClaimedState.SADDLE) and attracts is not (state is ClaimedState.ATTRACTING):
         raise NotProvedError(f"{letter} is not proved to be {state}")

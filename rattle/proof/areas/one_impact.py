@@ -1,11 +1,17 @@
-"""A and C, which are P(1,1,0), over a piece of the plane.
+"""The motions A and C, which are P(1,1,0), over a piece of the plane (lemma 15 of docs/proofs.md).
 
-They close if v = 2πδ, Y = ε sin 2πτ = 2 − δ coth(δ/2) and X = ε cos 2πτ = ±√(ε² − Y²): − for A, + for C. With E =
-e^(−δ) their height over Σ⁺ after s is
+They close if and only if, with X = ε cos 2πτ and Y = ε sin 2πτ,
 
-    F(s; δ, X) = 4πs − 4π (1 − e^(−δs))/(1 − E) − X (1 − cos 2πs) − Y sin 2πs,
+    v = 2πδ,
+    Y = 2 − δ coth(δ/2),
+    X = ±√(ε² − Y²),    − for A, + for C.
 
-and they happen if −2β < F < 0 for 0 < s < 1. F falls with X, so each side is looked at for one X alone.
+Their height over Σ⁺ at the time s after the impact is, with E = e^(−δ),
+
+    F(s; δ, X) = 4πs − 4π (1 − e^(−δs))/(1 − E) − X (1 − cos 2πs) − Y sin 2πs.
+
+They are admissible if and only if −2β < F < 0 for 0 < s < 1. F falls with X, so the upper bound needs the least X and
+the lower bound the largest.
 """
 
 from __future__ import annotations
@@ -17,32 +23,32 @@ from rattle.proof.balls import PI, arb, arb_series
 
 
 def offset(delta: arb_series) -> arb_series:
-    """−Y = δ coth(δ/2) − 2."""
+    """Return −Y = δ coth(δ/2) − 2."""
     end = (-delta).exp()
     return delta * (1 + end) / (1 - end) - 2
 
 
 def most_stable(delta: arb_series) -> arb_series:
-    """X where C flips: δ² coth(δ/2)/2π."""
+    """Return the X at which C loses stability by a flip, δ² coth(δ/2)/2π."""
     return delta * (offset(delta) + 2) / (2 * PI())
 
 
 def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
-    """F(s; δ, X) and its derivative by δ."""
+    """Return F(s; δ, X) and its derivative by δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
     return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
 
 
 def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
-    """∂F/∂s."""
+    """Enclose ∂F/∂s."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
     return 2 * PI() * (driven + offset(arb_series([delta]))[0] * cosine)
 
 
 def exists(piece: PlanePiece, letter: str) -> bool | None:
-    """Return whether A (C) is there at all points of the piece; None if that is not told."""
+    """Return whether A (C) exists at all points of the piece: False if at none, None if undecided."""
     y = centred(offset, piece.delta)
     if upper(piece.epsilon) < lower(y):
         return False
@@ -53,21 +59,21 @@ def exists(piece: PlanePiece, letter: str) -> bool | None:
 
 
 def attracts(piece: PlanePiece, letter: str) -> bool | None:
-    """Return whether both multipliers of a motion that is there are inside the unit circle.
+    """Return whether a motion that exists has both multipliers inside the unit circle.
 
     Returns
     -------
     bool | None
-        False if one is outside, None if undecided.
+        True if both lie inside at all points, False if one lies outside at all points, None if undecided.
     """
     if letter == "A":
-        return False  # X < 0: its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
+        return False  # X < 0, so the trace 1 + E − 4π (1 − E) X/δ² exceeds 1 + E
     x, limit = cosines(piece, letter, centred(offset, piece.delta)), centred(most_stable, piece.delta)
     return True if upper(x) < lower(limit) else False if lower(x) > upper(limit) else None
 
 
 def cosines(piece: PlanePiece, letter: str, y: arb) -> arb:
-    """X wherever there is one on the piece."""
+    """Enclose X over the points of the piece where the motion exists."""
     least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
     return x if letter == "C" else -x
@@ -78,7 +84,7 @@ def _ends(x: arb) -> tuple[arb, arb]:
 
 
 def _stays(piece: PlanePiece, least: arb, most: arb) -> bool:
-    """Return whether −2β < F < 0 for 0 < s < 1 and all X between these."""
+    """Return whether −2β < F < 0 is proved for 0 < s < 1 and all X between least and most."""
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
@@ -106,13 +112,13 @@ def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) ->
 
 
 def _touches(piece: PlanePiece, least: arb) -> bool:
-    """Return whether F < −2β somewhere, for all X from this one on."""
+    """Return whether F < −2β is proved at some s for all X ≥ least."""
     s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
     return bool(0 < s < 1 and centred(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta)
 
 
 def _lowest(delta: float, x: float) -> float:
-    """About where F is lowest, in doubles: wherever it is, what is found there holds."""
+    """Guess in doubles the s at which F is least. A bad guess makes a proof fail, never false."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

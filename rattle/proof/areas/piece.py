@@ -1,4 +1,4 @@
-"""A piece of the plane in balls, and enclosures over it."""
+"""A piece of the (δ, ε) plane in balls, and enclosures of functions over it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_series
 
-FINEST = arb(2.0**-12)  # part of a flight, in periods; what is not told of it counts as not told
+FINEST = arb(2.0**-12)  # shortest part of a flight, in forcing periods; if it is undecided, so is the flight
 
 
 @dataclass(frozen=True)
 class PlanePiece:
-    """A piece of the plane: all δ and ε of two balls, at one β."""
+    """All δ and ε of two balls, at one half-backlash β."""
 
     delta: arb
     epsilon: arb
@@ -20,21 +20,21 @@ class PlanePiece:
 
 
 def lower(x: arb) -> arb:
-    """Return no number of the ball is below this one."""
+    """Return a lower bound of all numbers of a ball."""
     return x.lower()
 
 
 def upper(x: arb) -> arb:
-    """Return no number of the ball is above this one."""
+    """Return an upper bound of all numbers of a ball."""
     return x.upper()
 
 
 def hull(a: arb, b: arb) -> arb:
-    """Return a ball that holds both and all between."""
+    """Return a ball that holds two balls and all numbers between them."""
     return a.union(b)
 
 
 def centred(of: Callable[[arb_series], arb_series], at: arb) -> arb:
-    """Return of(x) over a ball of x, by the mean value theorem: of(middle) + of'(x)(x − middle)."""
+    """Enclose a function over a ball by the mean value theorem: f(c) + f'(x)(x − c), where c is the midpoint of x."""
     middle = at.mid()
     return of(arb_series([middle]))[0] + of(arb_series([at, 1]))[1] * (at - middle)

@@ -1,4 +1,4 @@
-"""The proved share of a plane, from the blocks' areas: exact sums."""
+"""The share of the plane on which each claim is proved: exact sums of the blocks' areas."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fractions import Fraction
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 
 REGION = "the region"
-#: What holds on which blocks, and on which it is proved not to; elsewhere it is not told.
+#: For each statement, the claims of the blocks where it holds and of those where it fails. It is undecided elsewhere.
 _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "A is there, a saddle": (("II", "III", "IV", "V"), ("I",)),
     "B is there, a saddle": (("III", "IV"), ("I", "II", "V")),
@@ -25,26 +25,32 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Share:
-    """proved: the part of the plane on which it is proved to hold; of_where: at least so much of where it holds."""
+    """Proved shares of one statement.
+
+    Attributes
+    ----------
+    proved : Fraction
+        Share of the plane on which the statement is proved.
+    of_where : Fraction
+        Lower bound of the proved share of the area where the statement holds.
+    """
 
     what: str
     proved: float
     of_where: float
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return both shares as percentages in one sentence."""
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 
 def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
-    """Return the shares of a plane of this area, one for each claim.
-
-    Blocks of one claim do not overlap, nor do those of I to V.
+    """Return the proved shares of each statement over a plane of the given area.
 
     Returns
     -------
     list[Share]
-        Exact fractions of the area.
+        One share for each statement. Blocks with the same claim, and blocks of regions, must not overlap.
     """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:

@@ -1,1 +1,1 @@
-"""Points of bifurcation curves, and those where curves meet, as theorems; and a checker that shares no code."""
+"""Prove points of bifurcation curves and codimension-two points: a finder in balls, and an independent checker."""

@@ -1,4 +1,4 @@
-"""Theorem about one point of a bifurcation curve: exact numbers, so that anybody can check it."""
+"""The certificate of one point of a bifurcation curve; all its numbers are exact."""
 
 from __future__ import annotations
 
@@ -16,12 +16,23 @@ WORDS = {Kind.SADDLE_NODE: "saddle-node", Kind.FLIP: "flip", Kind.GRAZING: "graz
 
 @dataclass(frozen=True)
 class BifurcationCertificate:
-    """A theorem about a point of the plane, at exact known parameters.
+    """Theorem: at exact known parameters a motion bifurcates at a point between given ends.
 
-    The others lie between the ends `solved`. There a motion meets its walls at times that are within radius of these
-    (n,), and no others, and has the multiplier 1 (kind "SN") or −1 ("PD"), or touches a wall with speed 0 at the impact
-    of this number ("GR"). It is a regular zero of equations for all this, so alone near by. name: of the curve, or of
-    the point of codimension two.
+    Attributes
+    ----------
+    name : str
+        The curve, or the codimension-two point.
+    known, solved : dict
+        The parameters that are exact, and the ends of those that are enclosed.
+    motion : CurveMotion
+        The walls that the motion meets, in order, and the kind of its bifurcation: "SN" if a multiplier is 1, "PD" if
+        one is −1, "GR" if one impact grazes a wall with speed 0.
+    times, radius
+        The impact times (n,), each known to within the radius.
+
+    Notes
+    -----
+    The point is a regular zero of the equations of lemma 10 (docs/proofs.md), so no other zero is close.
     """
 
     name: str
@@ -33,7 +44,7 @@ class BifurcationCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the theorem as one sentence."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.known.items())
         found = ", ".join(f"{name} = {float(sum(ends) / 2):.16g}" for name, ends in self.solved.items())
         return f"{self.name} at {where}: a {WORDS[self.motion.kind]} at {found}"
@@ -44,7 +55,7 @@ class BifurcationCertificate:
         return max(high - low for low, high in self.solved.values())
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
+        """Return the certificate as a JSON document. Numbers except integers are texts: decimals or ratios."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,
@@ -62,5 +73,5 @@ class BifurcationCertificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate's JSON document on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

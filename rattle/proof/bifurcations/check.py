@@ -1,9 +1,14 @@
-"""Check certificates of points of bifurcation curves, trusting nobody: mpmath's intervals, none of the finder's code.
+"""Check certificates of bifurcation points independently of the finder, in mpmath's intervals.
 
-Of this project it needs `rattle/proof/check.py` besides, of which it takes intervals and the pieces of motions. All is
-proved anew, otherwise than it was found. Unknown are the times t and velocities w after all impacts, then what is not
-known of δ and ε. With T the trace of the motion's tangent map and E = e^(−δm), T = 1 + E where a multiplier is 1 and
-T = −1 − E where one is −1; a graze has w = 0. docs/proofs.md has the lemmas.
+The only other file it needs is `rattle/proof/check.py`, which has the intervals and the pieces of a motion. Unknown are
+the times t and velocities w after all impacts, and those of δ and ε that are not known exactly. Let T be the trace of
+the tangent map of a motion of m forcing periods, and E = e^(−δm). The condition is
+
+    T = 1 + E     where a multiplier is 1 (saddle-node),
+    T = −1 − E    where a multiplier is −1 (flip),
+    w = 0         where an impact grazes.
+
+docs/proofs.md has the lemmas.
 """
 
 import json
@@ -29,10 +34,11 @@ from rattle.proof.check import (
     sine_and_cosine,
 )
 
-RADIUS, FASTER = IV.mpf(10) ** -16, 1000  # of the box in times and parameters; of velocities, so many times that
+# half-width of the box in times and parameters, and how much larger it is in velocities
+RADIUS, FASTER = IV.mpf(10) ** -16, 1000
 FREE = ("delta", "epsilon")
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
-#: Walls and grazing impact of a name; other names are for any motion.
+#: Walls and grazing impact of each named curve. A certificate with another name may have any walls.
 NAMES = {
     ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
     **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
@@ -40,17 +46,17 @@ NAMES = {
 
 
 class ParameterJet:
-    """An interval, and its derivatives by all unknowns."""
+    """An interval with its derivatives by all unknowns."""
 
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
     def chained(self, value: Interval, slope: Interval) -> "ParameterJet":
-        """Return a function of this jet, by the chain rule."""
+        """Return f(self) from the value and the derivative of f (chain rule)."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
     def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
-        """Return a combination of two jets, by the partial derivatives."""
+        """Return f(self, other) from the value of f and its derivatives by both arguments (chain rule)."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
@@ -84,47 +90,57 @@ class ParameterJet:
         return self.chained(value, value)
 
     def turned(self) -> "tuple[ParameterJet, ParameterJet]":
-        """Sine and cosine of 2π times it."""
+        """Return the sine and cosine of 2π times the jet."""
         sine, cosine = sine_and_cosine(self.value)
         return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
 
 
 def jet(x: Any) -> ParameterJet:
-    """Return a jet; a number is a constant."""
+    """Return x as a jet. A plain number has no derivatives."""
     return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
 
 class Bifurcation:
-    """Statement of a certificate."""
+    """The statement of a certificate, as equations whose zero is the bifurcation point."""
 
     def __init__(self, document: Any) -> None:
-        require(document["model"] == "impacting", "it is of another model")
+        require(document["model"] == "impacting", "the model is not impacting")
         self.walls, self.m, self.kind, self.impact = (document[key] for key in ("walls", "m", "kind", "impact"))
         self.n, self.name = len(self.walls), document["name"]
         whole = [self.m, *self.walls] + ([] if self.impact is None else [self.impact])
-        require(all(type(x) is int for x in whole) and self.m > 0 and {*self.walls} <= {1, -1}, "its walls")
-        require(self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"), "its kind")
-        require(self.impact is None or 0 <= self.impact < self.n > 1, "the number of its grazing impact")
+        require(all(type(x) is int for x in whole) and self.m > 0 and {*self.walls} <= {1, -1}, "walls must be 1 or -1")
+        require(self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"), "the kind is unknown")
+        require(
+            self.impact is None or 0 <= self.impact < self.n > 1, "the number of the grazing impact is out of range"
+        )
         if self.name != self.kind:
             meant = NAMES.get((self.kind, self.name))
-            require(meant == (self.walls, self.impact) and self.m == 1, f"its name, {self.name}")
+            require(meant == (self.walls, self.impact) and self.m == 1, f"the name {self.name} does not fit the walls")
         self.point = self.name if self.name[:3] == "COD" else None
         known, solved = document["known"], document["solved"]
-        require({*known, *solved} == {"beta", *FREE} and "beta" in known, "its parameters")
-        require(len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1), "how many it solves for")
+        require(
+            {*known, *solved} == {"beta", *FREE} and "beta" in known, "the parameters are not delta, epsilon and beta"
+        )
+        require(
+            len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1),
+            "the number of solved parameters is wrong",
+        )
         self.known = {name: exact_fraction(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
         self.ends = [[exact_fraction(end) for end in solved[name]] for name in self.free]
         self.times, self.radius = [exact_fraction(t) for t in document["times"]], exact_fraction(document["radius"])
-        require(len(self.times) == self.n and is_positive(*self.known.values()), "its times, or a parameter, are wrong")
+        require(
+            len(self.times) == self.n and is_positive(*self.known.values()),
+            "times must be one for each wall, and parameters positive",
+        )
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return δ and ε at unknowns x."""
+        """Return δ and ε at the unknowns x, as jets."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
     def centre(self) -> list[Interval]:
-        """About the motion: of each flight between two times the velocity at its begin, then parameters."""
+        """Approximate the unknowns: the departure velocity of each flight between its two times, then parameters."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
         found = []
@@ -138,7 +154,7 @@ class Bifurcation:
         return [IV.mpf(x.mid) for x in found + free]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[list[Interval]]]:
-        """Their values, all 0 at the point, and their derivatives."""
+        """Return the values of all equations, which vanish at the point, and their derivatives by the unknowns."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
         at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
         delta, epsilon = (jet(each) for each in self.parameters(at))
@@ -161,13 +177,15 @@ class Bifurcation:
         return [each.value for each in values], [each.slopes for each in values]
 
     def condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
-        """Return the vanishing condition of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
+        """Return the bifurcation condition from the tangent map in (Φ, Φ'), starting at the graze or first impact."""
         a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
         first = self.impact or 0
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
             a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
-            if push is not None:  # times w: [[-1, 0], [push/w, -1]], which a small speed makes large
+            # w times the impact's tangent map [[-1, 0], [push/w, -1]], because the map itself is large at a small speed
+            # w
+            if push is not None:
                 a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
                 speeds = speeds * w
         trace, half = a + d, (delta * (-self.m / IV.mpf(2))).exp()
@@ -179,40 +197,40 @@ class Bifurcation:
         return conditions[self.point or self.kind]
 
     def enclosed(self) -> list[Interval]:
-        """Intervals that hold the point of the box, by Krawczyk's operator."""
+        """Enclose the one zero in the box of unknowns by Krawczyk's operator (lemma 2)."""
         x = self.centre()
         size = len(x)
         radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
         values, rows = self.equations(x)
-        require(len(values) == size, "it has other unknowns than equations")
+        require(len(values) == size, "the unknowns are not as many as the equations")
         about = (fp.matrix([[each.mid for each in row] for row in rows]) ** -1).tolist()
-        for _ in range(6):  # once proves it, and again gives less each time
+        for _ in range(6):  # the first application proves the zero, later ones shrink its enclosure
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
             moved = []
             for i, line in enumerate(about):
                 less = [sum((line[k] * rows[k][j] for k in range(size)), ZERO - (i == j)) for j in range(size)]
                 moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
             inside = (is_positive(radius - dx, radius + dx) for radius, dx in zip(radii, moved, strict=True))
-            require(all(inside), "its box is not mapped into itself")
+            require(all(inside), "Krawczyk's operator does not map the box into itself")
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_happens(self, x: Sequence[Interval]) -> None:
-        """Each piece begins and ends at its walls, with speed 0 at the graze alone, and meets none on its way."""
+        """Raise Refused unless each piece joins its two walls, meets none between, and only the graze has speed 0."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
         )
         for i in range(self.n):
             piece, j = MotionPiece(motion, i, x), (i + 1) % self.n
-            require(is_positive(piece.duration), f"piece {i + 1} takes no time")
+            require(is_positive(piece.duration), f"piece {i + 1} has no duration")
             require(i == self.impact or is_positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
             grazes = i == self.impact, j == self.impact
-            require(stays(piece, *grazes), f"piece {i + 1} may meet a wall on its way")
+            require(stays(piece, *grazes), f"piece {i + 1} is not proved clear of the walls")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """No part of the m forcing periods is a period."""
+        """Raise Refused unless no divisor of the m forcing periods is a period (lemma 7)."""
         made = [i for i in range(self.n) if i != self.impact]
         walls, times = [self.walls[i] for i in made], [x[2 * i] for i in made]
         times += [t + self.m for t in times]
@@ -220,18 +238,21 @@ class Bifurcation:
             shift = len(walls) // parts
             if self.m % parts == len(walls) % parts == 0 and [*walls[shift:], *walls[:shift]] == walls:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift:], strict=False)]
-                require(any(is_positive(gap) or is_positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+                require(
+                    any(is_positive(gap) or is_positive(-gap) for gap in gaps),
+                    f"the motion may repeat {parts} times within its period",
+                )
 
 
 def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
-    """Return whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
+    """Return whether a piece is proved clear of the walls between its ends, one of which may be a graze.
 
-    There Φ' = 0, and Φ'' has the sign of the way out: so Φ' has one sign around, and Φ is clear beside the graze.
+    At a graze Φ' = 0 and Φ'' points into the gap, so Φ' keeps one sign near it and Φ leaves the wall.
 
     Returns
     -------
     bool
-        True if it is clear.
+        False means undecided.
     """
     if not (begins_grazing or ends_grazing):
         return piece.stays()
@@ -256,7 +277,7 @@ def clear(piece: MotionPiece, y: Interval) -> bool:
 
 
 def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
-    """Return whether a piece is clear between two times, at which it is, or is on its wall."""
+    """Return whether a piece is clear of the walls between two times at which it is clear, or on its own wall."""
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):
         low, high = parts.pop()
@@ -274,27 +295,33 @@ def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
 
 
 def check(text: str) -> str:
-    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    """Prove the theorem of a certificate and return it as a sentence. Raises Refused."""
     try:
         document = json.loads(text)
-        require(document["format"] == 1 and document["theorem"] == "bifurcation", "its format is not known")
+        require(document["format"] == 1 and document["theorem"] == "bifurcation", "the certificate's format is unknown")
         claim = Bifurcation(document)
         x = claim.enclosed()
         for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
             require(is_positive(value - low, high - value), "a parameter is not proved to be between its ends")
         for value, time in zip(x[: 2 * claim.n : 2], claim.times, strict=True):
-            require(is_positive(claim.radius - (value - time), claim.radius + (value - time)), "a time is farther away")
+            require(
+                is_positive(claim.radius - (value - time), claim.radius + (value - time)),
+                "a time is farther from its centre than the radius",
+            )
         require(is_positive(*claim.parameters(x)), "a parameter is not positive")
         claim.require_happens(x)
         claim.require_least_period(x)
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
-        require(side == 0 or is_positive(side * sine_and_cosine(x[0])[1]), "it is a graze of the other motion")
+        require(
+            side == 0 or is_positive(side * sine_and_cosine(x[0])[1]),
+            "the grazing motion is A in place of C, or C in place of A",
+        )
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
         return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise Refused(f"the certificate cannot be read: {error}") from error
 
 
 def max_width(claim: Bifurcation) -> float:
-    """Return the largest width of the claim's enclosures."""
+    """Return the width of the widest enclosure of a parameter in a claim."""
     return max(float((high - low).b) for low, high in claim.ends)

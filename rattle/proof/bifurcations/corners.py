@@ -1,8 +1,11 @@
-"""Conditions at the points where C grazes Σ⁻ and curves meet, COD20 to COD23.
+"""Conditions of the codimension-two points COD20 to COD23, where C grazes Σ⁻ and another curve ends (lemma 9).
 
-With X = ε cos 2πτ, s the time from the departure to the graze and E = e^(−δ), the trace of C is
-1 + E − 4π (1 − E) X/δ². At COD23 it is det J(1) + det J(−1) = 0 of the motion that makes the impact
-(`rattle.impacting.bifurcations`), which where it grazes says ∂(w₀ + w₁)/∂τ = 0.
+Let X = ε cos 2πτ, s the time from the departure to the graze, and E = e^(−δ). The trace of C is
+
+    T = 1 + E − 4π (1 − E) X/δ².
+
+At COD23 the motion that makes the grazing impact has det J(1) + det J(−1) = 0
+(`rattle.impacting.bifurcations`). At a graze this reduces to ∂(w₀ + w₁)/∂τ = 0.
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ def _born(_delta: Series, x: Series, _s: Series, _end: Series) -> Series:
 
 
 Condition = Callable[[Series, Series, Series, Series], Series]
-#: What vanishes, besides, of (δ, X, s, E).
+#: The second condition of each point: a function of (δ, X, s, E) that vanishes there.
 CONDITIONS: dict[str, Condition] = {
     "COD20": _flip,
     "COD21": _equal_multipliers,

@@ -1,4 +1,4 @@
-"""Points of bifurcation curves, from numbers to theorems."""
+"""Prove points of bifurcation curves, from computed numbers to certificates."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import LONG, require_least_period
 from rattle.proof.krawczyk import enclosed
 
-#: A published enclosure is wider than the ball by so many of its widths, and by this much: others round otherwise.
+#: Margins of a published enclosure, as a multiple of the ball's width and absolute, so that other rounding confirms it.
 ROOM, LEAST = 10**4, Fraction(1, 10**20)
-SAME_PLACE = 1e-9  # relative: a point farther from the curve than rounding leaves it is not on it
+SAME_PLACE = 1e-9  # largest relative distance that rounding may leave between a point and its curve
 
 
 def certify_curve_point(
@@ -35,24 +35,31 @@ def certify_curve_point(
 ) -> BifurcationCertificate:
     """Prove a point of a bifurcation curve of the period-one motions (`rattle.curves`), near (δ, ε).
 
-    Of δ and ε the one along which the curve runs is taken as that very number, the other is enclosed. Needs the extra
-    `proof`. Raises ParameterError, and NotProvedError where no proof was found or no point of the curve is that close.
-    Source: docs/proofs.md.
+    Of δ and ε, the parameter along which the curve runs is taken as exactly the given number; the other is enclosed.
+    Needs the extra `proof`. Source: docs/proofs.md.
 
     Parameters
     ----------
+    name : str
+        The curve, such as "SN1" or "G2".
+    delta, epsilon : float, str or Fraction
+        A point close to the curve.
+    beta : float, str or Fraction
+        Half-backlash.
     motion : tuple[float, float] | None
-        Phase and speed (τ, v) of the departure from Σ⁺ as a `Curve` has them, needed near its folds.
+        Phase and speed (τ, v) of the departure from Σ⁺, as a `Curve` gives them. Needed near folds of the curve.
 
     Returns
     -------
     BifurcationCertificate
-        A theorem about the point, which the checker verifies by itself.
+        A theorem about the point. `rattle certify --check` verifies it independently.
 
     Raises
     ------
+    ParameterError
+        If an argument is not allowed.
     NotProvedError
-        If the proof fails.
+        If no point of the curve is that close, or the proof fails.
     """
     require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
     require_one_of("name", name, CURVES)
@@ -73,10 +80,10 @@ def certify_curve_point(
     tau = None if motion is None else motion[0]
     near = [(_apart(x, d, e, tau), i, x) for i, x in enumerate(solved) if x is not None]
     if not near or min(near)[0] > SAME_PLACE:
-        raise NotProvedError(f"{name} has no point within rounding of delta = {d!r}, epsilon = {e!r}")
+        raise NotProvedError(f"{name} has no point close to delta = {d!r}, epsilon = {e!r}; give a point on the curve")
     x = min(near)[2]
     if (why := definition.belongs(x)) is not None:
-        raise NotProvedError(f"that point is not on {name}: {why}")
+        raise NotProvedError(f"the point is not on {name}: {why}")
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
     bifurcating = CurveMotion(definition.walls, 1, definition.kind, definition.impact)
@@ -86,7 +93,7 @@ def certify_curve_point(
 def _guesses(
     definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
-    """Unknowns (n + 2,) to solve from: of the flights from (τ, v), else of the closed forms."""
+    """Return starting values (n + 2,) of the unknowns, from the flights after (τ, v) or else from closed forms."""
     if motion is not None and definition.impact is None:
         itinerary, x = follow_impacts(delta, epsilon, beta, *motion, definition.walls.count(1))
         if itinerary.walls == definition.walls:
@@ -100,17 +107,26 @@ def _apart(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
 
 
 def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertificate:
-    """Prove the saddle-node, flip or graze of any periodic motion that a branch has passed (`rattle.branch`).
+    """Prove a saddle-node, flip or graze that a branch of any periodic motion passes (`rattle.branch`).
 
-    The proof is at the damping that the event has. Raises ParameterError, and NotProvedError.
+    The proof is made at exactly the damping of the event. Needs the extra `proof`.
+
+    Parameters
+    ----------
+    event : BranchEvent
+        An event of a branch in ε.
+    beta : float, str or Fraction
+        Half-backlash.
 
     Returns
     -------
     BifurcationCertificate
-        A theorem about the point, which the checker verifies by itself.
+        A theorem about the point. `rattle certify --check` verifies it independently.
 
     Raises
     ------
+    ParameterError
+        If an argument is not allowed.
     NotProvedError
         If the proof fails.
     """
@@ -120,23 +136,28 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     require(float(number) == itinerary.beta, f"beta of the event is {itinerary.beta!r}, not {beta}")
     x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
-        raise NotProvedError("the event's curve cannot be solved at its damping")
+        raise NotProvedError("the curve of the event has no solution at its damping")
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
     return _certified(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
 
 def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate, ...]:
-    """Prove COD20, COD21, COD23 and COD22 at a half-backlash, those that it has.
+    """Prove the codimension-two points COD20 to COD23 that exist at a half-backlash.
 
-    Raises ParameterError, and NotProvedError.
+    Parameters
+    ----------
+    beta : float, str or Fraction
+        Half-backlash.
 
     Returns
     -------
     tuple[BifurcationCertificate, ...]
-        One for each point that the half-backlash has.
+        One certificate for each existing point, in the order COD20, COD21, COD23, COD22.
 
     Raises
     ------
+    ParameterError
+        If the half-backlash is not allowed.
     NotProvedError
         If a proof fails.
     """
@@ -149,7 +170,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
         solved = (with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
-            raise NotProvedError(f"no grazing motion was found at {point.name}")
+            raise NotProvedError(f"no grazing motion was found at {point.name}, so it is not proved")
         motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_certified(point.name, motion, near[0], number, {}))
     return tuple(found)
@@ -158,7 +179,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _certified(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Return the theorem about the solution near x (n + 2,)."""
+    """Prove the solution near the unknowns x (n + 2,) and return its certificate."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
@@ -180,7 +201,7 @@ def _certified(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """φ (n,) of length 1, of a saddle-node or a flip."""
+    """Return the unit null vector φ (n,) of J(±1) at a saddle-node or a flip."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)

@@ -1,12 +1,12 @@
-"""Extended systems in balls: a periodic motion, and what makes it bifurcate, as equations with regular zeros.
+"""Extended systems in balls: a periodic motion and its bifurcation condition, as equations with regular zeros.
 
-Unknown are the times (n,) of its impacts, δ, ε or both, and of a saddle-node or a flip a vector φ (n,):
+Unknown are the times (n,) of the impacts; δ, ε or both; and at a saddle-node or flip a vector φ (n,). The equations are
 
-    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    with μ = 1, −1
-    R = 0, w₁ = 0                    the velocity with which the impact that grazes is reached
+    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    with μ = 1 (saddle-node) or −1 (flip),
+    R = 0, w₁ = 0                    at a graze; w₁ is the velocity of arrival at the grazing impact.
 
-(G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576). R and J are those of
-`rattle.impacting.orbits.equations`. A point of codimension two is a graze with one condition more.
+R and J are those of `rattle.impacting.orbits.equations`. A codimension-two point is a graze with one more condition.
+Source: G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FREE = ("delta", "epsilon")
 
 
 class Between(NamedTuple):
-    """The velocities at both ends of a flight between two times, and their derivatives, as series."""
+    """The velocities at both ends of a flight between two given times, and their derivatives, as series."""
 
     w0: Series
     w1: Series
@@ -40,10 +40,18 @@ class Between(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveMotion:
-    """Quantities that do not change along a curve.
+    """The properties of a motion that stay constant along its bifurcation curve.
 
-    The walls (n,) of a motion in m forcing periods, what happens to it, the number of the impact that grazes, and the
-    name of a point of codimension two.
+    Attributes
+    ----------
+    walls, m
+        The walls (n,) that it meets in m forcing periods, in order.
+    kind : str
+        "SN", "PD" or "GR".
+    impact : int or None
+        The number of the grazing impact.
+    point : str or None
+        The name of a codimension-two point.
     """
 
     walls: tuple[int, ...]
@@ -54,13 +62,16 @@ class CurveMotion:
 
     @property
     def n(self) -> int:
-        """Impacts per period."""
+        """Number of impacts per period."""
         return len(self.walls)
 
 
 @dataclass(frozen=True)
 class System:
-    """The equations of a motion at a half-backlash; known: δ or ε where it is given; side: l (n,)."""
+    """The equations of a bifurcating motion at one half-backlash.
+
+    `known` holds δ or ε where it is given exactly; `side` is the vector l (n,) that normalises φ.
+    """
 
     motion: CurveMotion
     beta: arb
@@ -68,35 +79,35 @@ class System:
     side: Sequence[float] = ()
 
     def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
-        """Evaluate the equations at unknowns (N,): times, the unknown ones of δ and ε, φ."""
+        """Evaluate the equations at the unknowns (N,): times, then δ and ε unless known, then φ."""
         return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """Return δ and ε, balls or series as the unknowns are; what is known is a ball."""
+        """Return δ and ε, as balls or series like the unknowns. A known parameter is a ball."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> ModelPlane:
-        """Return the point of the plane."""
+        """Return the point of the plane at these unknowns."""
         return ModelPlane(*self.parameters(at), self.beta)
 
 
 @dataclass(frozen=True)
 class EvaluatedSystem:
-    """A system somewhere."""
+    """The equations evaluated at given unknowns."""
 
     system: System
     at: Sequence[arb]
 
     @property
     def residual(self) -> list[arb]:
-        """R (N,)."""
+        """Values R (N,) of the equations."""
         return [each[0] for each in self._values([arb_series([x]) for x in self.at])]
 
     @cached_property
     def jacobian(self) -> arb_mat:
-        """∂R/∂x (N, N), each column by a series of first order."""
+        """Jacobian ∂R/∂x (N, N). Each column comes from a first-order series."""
         columns = []
         for k in range(len(self.at)):
             moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.at)]
@@ -127,7 +138,7 @@ class EvaluatedSystem:
 
 
 def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Row i of J(μ) φ, where φ is μ times as large a period later, μ = ±1."""
+    """Return row i of J(μ) φ, where φ grows by the factor μ = ±1 over one period of the motion."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
     earlier = phi[i - 1] * (turn if i == 0 else 1)
@@ -135,13 +146,13 @@ def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -
 
 
 def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """Return the vanishing condition at a point of codimension two, where C grazes."""
+    """Return the second condition of a codimension-two point, which vanishes where C grazes."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
 def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
-    """Return the flight between two times (`rattle.proof.flights.flight`), in series."""
+    """Return the flight between two times as series (compare `rattle.proof.flights.flight`)."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
@@ -160,10 +171,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
 
 
 def require_happens(system: System, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze.
-
-    There it touches the wall from inside.
-    """
+    """Raise NotProvedError unless the motion meets its walls, no others, and only the grazing impact has speed 0."""
     motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
     grazed = motion.impact
     if grazed is None:
@@ -181,19 +189,20 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
 
 
 def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
-    """Raise NotProvedError unless a flight that has speed 0 on the wall `touched` at `time` meets none before its end.
+    """Raise NotProvedError unless a flight that grazes the wall `touched` at `time` meets no wall before its end.
 
-    It turns at that time if g pushes it off: so that is one of its extrema, and all others must be clear of the walls.
+    The contact force g pushes the mass off the touched wall, so the graze is an extremum of Φ. All other extrema must
+    be clear of the walls.
 
     Raises
     ------
     NotProvedError
-        If it may meet a wall.
+        If the flight may meet a wall.
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
-        raise NotProvedError(f"{name} would come from behind a wall, or not turn where it grazes")
+        raise NotProvedError(f"{name} is virtual: it starts behind a wall, or does not turn at its graze")
     above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
     close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
-        raise NotProvedError(f"{name} may touch a wall besides where it grazes")
+        raise NotProvedError(f"{name} is not proved clear of the walls away from its graze")

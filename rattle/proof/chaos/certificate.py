@@ -1,4 +1,4 @@
-"""Theorem about chaos at one point of the plane: exact numbers, so that anybody can check it."""
+"""The certificate of chaos at one point of the plane; all its numbers are exact."""
 
 from __future__ import annotations
 
@@ -14,9 +14,16 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class Loop:
-    """A chain of coverings from set 0 through these sets (L − 1,) back to it.
+    """A chain of covering relations from set 0 back to set 0.
 
-    Each of its L steps has how often Σ⁻ is met, and how many forcing periods later the next set is meant.
+    Attributes
+    ----------
+    sets : tuple[int, ...]
+        Numbers of the L − 1 sets between.
+    sigma_minus : tuple[int, ...]
+        For each of the L steps, the number of impacts on Σ⁻.
+    periods : tuple[int, ...]
+        For each step, the number of forcing periods until the next set is reached.
     """
 
     sets: tuple[int, ...]
@@ -25,22 +32,23 @@ class Loop:
 
     @property
     def length(self) -> int:
-        """Impacts on Σ⁺."""
+        """Number L of impacts on Σ⁺."""
         return len(self.sigma_minus)
 
     @property
     def head(self) -> int:
-        """The set after set 0, which tells the loop from others."""
+        """Number of the set after set 0. It is different for each loop."""
         return (*self.sets, 0)[0]
 
 
 @dataclass(frozen=True)
 class HorseshoeCertificate:
-    """A theorem about the impact map Π at exact parameters.
+    """Theorem: the impact map Π has a horseshoe at exact parameters.
 
-    Each loop is a chain of coverings, and the sets that follow set 0 in them are apart. So for every sequence of loops
-    there is a motion that goes through them in this order, and the topological entropy is at least `per_impact` for
-    each impact on Σ⁺, and at least `per_period` for each forcing period, in nats.
+    Each loop is a chain of covering relations. The sets that follow set 0 in the loops are disjoint. So for every
+    sequence of loops a motion exists that passes through them in this order (lemmas 11 and 12 of docs/proofs.md). The
+    topological entropy is at least `per_impact` for each impact on Σ⁺ and `per_period` for each forcing period, in nats
+    (lemma 13).
     """
 
     parameters: dict[str, Fraction]
@@ -51,7 +59,7 @@ class HorseshoeCertificate:
     versions: dict[str, str]
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the theorem as one sentence."""
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         lengths = ", ".join(str(loop.length) for loop in self.loops)
         return (
@@ -60,7 +68,7 @@ class HorseshoeCertificate:
         )
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document: every number but the integers is text, a decimal or a ratio."""
+        """Return the certificate as a JSON document. Numbers except integers are texts: decimals or ratios."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,
@@ -77,5 +85,5 @@ class HorseshoeCertificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate's JSON document on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -1,7 +1,10 @@
-"""Check certificates of horseshoes, trusting nobody: mpmath's intervals, and none of the finder's code.
+"""Check certificates of horseshoes independently of the finder, in mpmath's intervals.
 
-Of this project it needs `rattle/proof/check.py` besides, of which it takes intervals. A set is (t, v) = centre + ξ
-unstable + η stable with |ξ|, |η| ≤ 1, v being the speed after an impact on Σ⁺ at time t; docs/proofs.md has the lemmas.
+The only other file it needs is `rattle/proof/check.py`, which has the intervals. A set is the parallelogram
+
+    (t, v) = centre + ξ unstable + η stable,    |ξ| ≤ 1, |η| ≤ 1,
+
+where v is the speed after an impact on Σ⁺ at the time t. docs/proofs.md has the lemmas.
 """
 
 import json
@@ -26,19 +29,19 @@ from rattle.proof.check import (
 
 MOST_PARTS, MOST_TIMES, MOST_SETS, MOST_LOOPS, MOST_LENGTH = 4000, 300, 2000, 200, 100
 Vector = tuple[Interval, Interval]
-Part = tuple[float, float, float, float]  # ξ, η of its middle, half its sides
+Part = tuple[float, float, float, float]  # ξ and η of the midpoint, then half the widths in ξ and η
 WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
 
 
 class Bundle:
-    """Flights from a wall at times and with velocities middle + [−1, 1] first + [−1, 1] second."""
+    """Flights that leave a wall at times and velocities middle + [−1, 1] first + [−1, 1] second."""
 
     def __init__(self, plane: "Claim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
         self.plane, self.wall, self.middle, self.sides = plane, wall, middle, sides
         self.hull = tuple(x + UNIT * (abs(a) + abs(b)) for x, a, b in zip(middle, *sides, strict=True))
 
     def flown(self, start: Vector, t: Interval) -> Vector:
-        """Φ(t) less the wall, and Φ'(t)."""
+        """Return Φ(t) − Φ(wall) and Φ'(t) of flights with a given start."""
         (sine, cosine), (sine1, cosine1), d, e = (
             sine_and_cosine(start[0]),
             sine_and_cosine(t),
@@ -50,18 +53,18 @@ class Bundle:
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
 
     def kept(self, start: Vector, t: Interval) -> Interval:
-        """Return the enclosed decay e^(−δ(t − t₀))."""
+        """Enclose the decay e^(−δ(t − t₀)) since the departure."""
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Return the derivatives of Φ(t) and Φ'(t) on all flights, by both sides.
+        """Enclose the derivatives of Φ(t) and Φ'(t) along both sides of the set, over all flights.
 
-        Those of the flow are −(w + S w'), S and −C w', C.
+        The derivatives by departure time and velocity are −(w + S w'), S for Φ and −C w', C for Φ'.
 
         Returns
         -------
         tuple[Vector, Vector]
-            Derivatives of Φ and of Φ'.
+            Derivatives of Φ, and of Φ'.
         """
         c = self.kept((self.hull[0], self.hull[1]), t)
         s = (1 - c) / self.plane.delta
@@ -71,16 +74,16 @@ class Bundle:
 
     @cached_property
     def push(self) -> Interval:
-        """Φ'' at the departure, of all flights."""
+        """Enclose Φ'' at the departure of all flights."""
         return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
 
     def at(self, t: Interval) -> Vector:
-        """Φ(t) less the wall and Φ'(t) of all flights, by the mean value theorem."""
+        """Enclose Φ(t) − Φ(wall) and Φ'(t) of all flights by the mean value theorem."""
         (y, v), (heights, speeds) = self.flown(self.middle, t), self.derivatives(t)
         return y + UNIT * (abs(heights[0]) + abs(heights[1])), v + UNIT * (abs(speeds[0]) + abs(speeds[1]))
 
     def landed(self, target: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Time and velocity after the impact of the middle flight, and what becomes of the sides. Raises Refused."""
+        """Return time and velocity after the middle flight's impact, and the images of both sides. Raises Refused."""
         end = (target - self.wall) * self.plane.beta
         time = self.guessed(target)
         for _ in range(5):
@@ -92,28 +95,27 @@ class Bundle:
         arrival = time + late
         speed = self.at(arrival)[1]
         require(
-            is_positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze"
+            is_positive(-self.wall * self.hull[1], target * speed),
+            "a flight is not proved to leave and reach its walls at speeds above 0",
         )
-        require(self.is_clear(arrival), "a flight may meet another wall")
+        require(self.is_clear(arrival), "a flight is not proved clear of the walls before its end")
         heights, speeds = self.derivatives(arrival)
         pull = self.plane.force(arrival) - self.plane.delta * speed
         moved = [(-h / speed, -(v - pull * h / speed)) for h, v in zip(heights, speeds, strict=True)]
         return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
 
     def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
-        """Return how late flights are that lack so much of the wall at a time.
-
-        One root each, by Newton's interval method.
+        """Enclose the delay of flights that miss the wall by `missed` at a given time (Newton's interval method).
 
         Returns
         -------
         Interval
-            Enclosure of the delay.
+            Enclosure of the delay, which is unique.
 
         Raises
         ------
         Refused
-            If the root is not single.
+            If uniqueness is not proved.
         """
         for _ in range(8):
             around = time + room * UNIT
@@ -123,10 +125,10 @@ class Bundle:
             if is_positive(room - late, room + late):
                 return late
             room = IV.mpf(1.3) * max(room, IV.mpf(abs(late).b))
-        raise Refused("the time of an impact is not enclosed")
+        raise Refused("Newton's interval method does not enclose the time of an impact")
 
     def guessed(self, target: int) -> Interval:
-        """About when the middle flight meets the wall, in doubles."""
+        """Guess in doubles when the middle flight meets the wall. A bad guess makes a proof fail, never false."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
@@ -144,10 +146,10 @@ class Bundle:
                     low, high = (low, middle) if height(low) * height(middle) <= 0 else (middle, high)
                 return IV.mpf(low)
             low += step
-        raise Refused("a flight does not end")
+        raise Refused("a flight does not reach its wall in the time allowed")
 
     def is_clear(self, arrival: Interval) -> bool:
-        """Return whether all flights clear the walls on their way: at all times Φ' has one sign, or Φ is clear."""
+        """Return whether all flights are proved clear of the walls until their arrival (lemmas 3 and 6)."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
@@ -164,40 +166,43 @@ class Bundle:
 
 
 class Claim:
-    """Statement of a certificate."""
+    """The statement of a certificate."""
 
     def __init__(self, document: Any) -> None:
-        require(document["model"] == "impacting", "it is of another model")
-        require({*document["parameters"]} == {"delta", "epsilon", "beta"}, "its parameters")
+        require(document["model"] == "impacting", "the model is not impacting")
+        require(
+            {*document["parameters"]} == {"delta", "epsilon", "beta"}, "the parameters are not delta, epsilon and beta"
+        )
         self.delta, self.epsilon, self.beta = (
             exact_fraction(document["parameters"][n]) for n in ("delta", "epsilon", "beta")
         )
         require(is_positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
-        require(0 < len(document["sets"]) <= MOST_SETS, "the number of its sets")
+        require(0 < len(document["sets"]) <= MOST_SETS, "the number of sets is out of range")
         self.sets = [[exact_fraction(number) for number in each] for each in document["sets"]]
         self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
-        require(all(len(each) == 6 for each in self.sets), "a set that is not six numbers")
+        require(all(len(each) == 6 for each in self.sets), "a set does not have six numbers")
         self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
-        require(1 < len(self.loops) <= MOST_LOOPS, "the number of its loops")
+        require(1 < len(self.loops) <= MOST_LOOPS, "the number of loops is out of range")
         for sets, words, periods in self.loops:
             whole = all(type(x) is int and x >= 0 for x in [*sets, *words]) and all(type(x) is int for x in periods)
             fits = len(words) == len(periods) == len(sets) + 1 <= MOST_LENGTH and all(x < len(self.sets) for x in sets)
-            require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop")
+            require(
+                whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop is malformed or too long"
+            )
 
     def force(self, t: Interval) -> Interval:
-        """Return g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        """Return the contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
         sine, cosine = sine_and_cosine(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def image(self, source: int, part: Part, word: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Return the image under Π of the middle of a part of a set, and sides of a parallelogram about it.
-
-        The parallelogram holds the image of the rest.
+        """Enclose the image of a part of a set under Π by a parallelogram (lemma 14).
 
         Returns
         -------
         tuple[Vector, tuple[Vector, Vector]]
-            The middle's image, and two sides.
+            The image of the part's midpoint, and the two sides of a parallelogram about it that holds the image of the
+            part.
         """
         (t, v, *along), (xi, eta, width, height) = self.sets[source], part
         middle = t + xi * along[0] + eta * along[2], -(v + xi * along[1] + eta * along[3])
@@ -211,7 +216,7 @@ class Claim:
         )  # fmt: skip
 
     def seen(self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in another set's coordinates, and what either side of it adds."""
+        """Return ξ and η of an image in the coordinates of a target set, and the contribution of each of its sides."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
         require(is_positive(size) or is_positive(-size), "a set has no area")
@@ -221,16 +226,19 @@ class Claim:
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
-        """Require that a set covers another.
+        """Raise Refused unless a set covers another (lemma 11).
 
-        The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|.
+        The edges ξ = −1 and ξ = 1 must map beyond opposite edges of the target, and no point to where |ξ| ≤ 1 ≤ |η|.
         """
         went = [self.settled(source, target, word, periods, edge, inside=False) for edge in EDGES]
-        require(went in ([{-1}, {1}], [{1}, {-1}]), f"the edges of set {source} do not go to both sides of {target}")
+        require(
+            went in ([{-1}, {1}], [{1}, {-1}]),
+            f"the edges of set {source} do not map beyond opposite edges of set {target}",
+        )
         self.settled(source, target, word, periods, WHOLE, inside=True)
 
     def settled(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """To which sides of the target parts go, 0 for between."""
+        """Return the sides of the target to which parts map: −1 or 1 beyond an edge, 0 between the edges."""
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
             here, added = parts.pop(), [1.0, 1.0]
@@ -246,10 +254,10 @@ class Claim:
                 parts += halves(here, added)
             if not parts:
                 return sides
-        raise Refused(f"set {source} is not proved to cover set {target}")
+        raise Refused(f"set {source} is not proved to cover set {target}: a part of it is too small to be halved again")
 
     def require_apart(self, one: int, other: int) -> None:
-        """Require that two sets are disjoint, whole periods apart too: a line along a side separates them."""
+        """Raise Refused unless two sets are disjoint modulo whole periods. A line along a side must separate them."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -258,7 +266,7 @@ class Claim:
             require(ok, f"sets {one} and {other} may meet")
 
     def corners(self, number: int, periods: int) -> list[tuple[Fraction, Fraction]]:
-        """Return the corners of a set, so many periods later."""
+        """Return the corners of a set, shifted by a number of periods."""
         t, v, *along = self.numbers[number]
         require(abs(t) + abs(along[0]) + abs(along[2]) < 1.5, f"set {number} is not near the first period")
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
@@ -266,19 +274,19 @@ class Claim:
 
 
 def halves(part: Part, added: list[float]) -> list[Part]:
-    """Return both halves of a part, cut across its more stretched side."""
+    """Return both halves of a part, cut across the side that is stretched most."""
     xi, eta, width, height = part
-    require(max(width, height) > 2.0**-14, "a set is not stretched across the next")
+    require(max(width, height) > 2.0**-14, "a set is not stretched across the next set")
     if width and (not height or (added[0], width) >= (added[1], height)):
         return [(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]
 
 
 def check(text: str) -> str:
-    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    """Prove the theorem of a certificate and return it as a sentence. Raises Refused."""
     try:
         document = json.loads(text)
-        require(document["format"] == 1 and document["theorem"] == "horseshoe", "its format is not known")
+        require(document["format"] == 1 and document["theorem"] == "horseshoe", "the certificate's format is unknown")
         claim = Claim(document)
         heads = [(*sets, 0)[0] for sets, _, _ in claim.loops]
         for i, one in enumerate(heads):
@@ -288,7 +296,7 @@ def check(text: str) -> str:
             h = exact_fraction(document[f"entropy_per_{name}"])
             lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
             total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
-            require(is_positive(h, total - 1), f"the entropy for each {name}")
+            require(is_positive(h, total - 1), f"the entropy for each {name} is not proved")
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):
@@ -297,4 +305,4 @@ def check(text: str) -> str:
         least = document["entropy_per_impact"], document["entropy_per_period"]
         return f"a horseshoe of entropy {least[0]} an impact on Σ⁺, {least[1]} a forcing period, at least, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"it cannot be read: {error}") from error
+        raise Refused(f"the certificate cannot be read: {error}") from error

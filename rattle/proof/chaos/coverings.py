@@ -1,8 +1,11 @@
-"""Covering relations in balls: which set the impact map stretches across which other.
+"""Covering relations in balls: which set the impact map Π stretches across which other (lemma 11 of docs/proofs.md).
 
-A set is a parallelogram |ξ| ≤ 1, |η| ≤ 1 in coordinates of its own, (t, v) = centre + ξ unstable + η stable. N covers M
-if Π maps the edges ξ = ±1 of N beyond those of M, one to either side, and no point of N to where |ξ| ≤ 1 ≤ |η| in M's
-coordinates. (P. Zgliczyński, Nonlinearity 10 (1997) 243–252; J. Kennedy and J. Yorke, Trans. AMS 353 (2001) 2513–2530.)
+A set is a parallelogram |ξ| ≤ 1, |η| ≤ 1 in its own coordinates, (t, v) = centre + ξ unstable + η stable. N covers M if
+
+    Π maps the edges ξ = −1 and ξ = 1 of N beyond opposite edges of M, and
+    Π maps no point of N to where |ξ| ≤ 1 ≤ |η| in the coordinates of M.
+
+Sources: P. Zgliczyński, Nonlinearity 10 (1997) 243–252; J. Kennedy and J. Yorke, Trans. AMS 353 (2001) 2513–2530.
 """
 
 from __future__ import annotations
@@ -20,11 +23,11 @@ from rattle.proof.flights import ModelPlane
 
 Pair = tuple[Fraction, Fraction]
 MOST_PIECES = 12_000
-FINEST = 2.0**-12  # half-width of a piece, of a set
+FINEST = 2.0**-12  # half-width of the smallest part, where the set has half-width 1
 
 
 class SetPart(NamedTuple):
-    """A part of a set: |ξ − xi| ≤ width, |η − eta| ≤ height."""
+    """The part |ξ − xi| ≤ width, |η − eta| ≤ height of a set."""
 
     xi: float
     eta: float
@@ -38,7 +41,7 @@ EDGES = {side: SetPart(float(side), 0.0, 0.0, 1.0) for side in (-1, 1)}
 
 @dataclass(frozen=True)
 class HSet:
-    """A parallelogram of states (t, v): its centre and half its sides, exactly."""
+    """A parallelogram of states (t, v), given exactly by its centre and two half-sides."""
 
     centre: Pair
     unstable: Pair
@@ -46,25 +49,25 @@ class HSet:
 
     @cached_property
     def matrix(self) -> arb_mat:
-        """(t, v) − centre of (ξ, η)."""
+        """Matrix (2, 2) that maps (ξ, η) to (t, v) − centre."""
         return arb_mat([[ball(self.unstable[i]), ball(self.stable[i])] for i in range(2)])
 
     @cached_property
     def coordinates(self) -> arb_mat:
-        """(ξ, η) of (t, v) − centre."""
+        """Matrix (2, 2) that maps (t, v) − centre to (ξ, η)."""
         (a, b), (c, d) = self.matrix.tolist()
         size = a * d - b * c
         if not (size > 0 or size < 0):
-            raise NotProvedError("a set has no area")
+            raise NotProvedError("the sides of a set are parallel, so it has no area")
         return arb_mat([[d / size, -b / size], [-c / size, a / size]])
 
     @cached_property
     def middle(self) -> arb_mat:
-        """Return the centre of the set (2, 1)."""
+        """Return the centre of the set as a ball vector (2, 1)."""
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
     def corners(self) -> Iterator[Pair]:
-        """Yield the corners of the set."""
+        """Yield the four corners of the set."""
         for x in (-1, 1):
             for y in (-1, 1):
                 t, v = (c + x * u + y * s for c, u, s in zip(self.centre, self.unstable, self.stable, strict=True))
@@ -73,7 +76,7 @@ class HSet:
 
 @dataclass
 class Mapped:
-    """A set and what Π makes of its parts, whose motions meet these walls between two impacts on Σ⁺."""
+    """A set and the images of its parts under Π. Its motions meet `walls` between two impacts on Σ⁺."""
 
     plane: ModelPlane
     source: HSet
@@ -81,7 +84,7 @@ class Mapped:
     images: dict[SetPart, Image | None] = field(default_factory=dict)
 
     def image(self, part: SetPart) -> Image | None:
-        """Π of a part, or None if it is not proved what its motions meet."""
+        """Enclose the image of a part under Π. None means that the order of impacts is not proved."""
         if part not in self.images:
             matrix = self.source.matrix
             centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
@@ -93,40 +96,40 @@ class Mapped:
         return self.images[part]
 
     def require_covers(self, target: HSet, periods: int) -> None:
-        """Raise NotProvedError unless the set covers another, so many forcing periods later."""
+        """Raise NotProvedError unless the set covers the target, shifted by a number of forcing periods."""
         left = self._side(target, periods, EDGES[-1])
         right = self._side(target, periods, EDGES[1])
         if left == right:
-            raise NotProvedError("both edges of a set go to one side of the next")
+            raise NotProvedError("both edges of a set map to the same side of the next set")
         for _ in self._settled(target, periods, WHOLE, inside=True):
             pass
 
     def _side(self, target: HSet, periods: int, edge: SetPart) -> int:
-        """Return to which side of a set an edge goes, all of it."""
+        """Return the side (−1 or 1) of the target to which an edge maps as a whole."""
         sides = set(self._settled(target, periods, edge, inside=False))
         if len(sides) != 1:
-            raise NotProvedError("an edge of a set goes to both sides of the next")
+            raise NotProvedError("an edge of a set maps to both sides of the next set")
         return sides.pop()
 
     def _settled(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
-        """Yield what is proved of the parts of a part.
+        """Yield the proved position of each part relative to the target set.
 
         Yields
         ------
         int
-            1 or −1 for the side of the set that they go to, 0 if between its edges and clear of the other two, where
-            they may.
+            1 or −1 for a part beyond an edge. 0, where `inside` allows it, for a part that lies between the edges and
+            clear of the other two sides.
 
         Raises
         ------
         NotProvedError
-            If a part stays undecided.
+            If the position of a part remains undecided.
         """
         parts, number = [part], 0
         while parts:
             here, number = parts.pop(), number + 1
             if number > MOST_PIECES:
-                raise NotProvedError("a set has too many parts")
+                raise NotProvedError("the image of a set needs too many parts")
             found = self.image(here)
             grown = [1.0, 1.0]
             if found is not None:
@@ -138,12 +141,12 @@ class Mapped:
                     yield 0
                     continue
                 if _is_refuted(xi, eta, grown, inside):
-                    raise NotProvedError("a set is not stretched across the next")
+                    raise NotProvedError("a set is not stretched across the next set")
             parts += _halves(here, grown)
 
 
 def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """ξ and η of an image, and how much of their width is due to either side of the part."""
+    """Return ξ and η of an image in the target's coordinates, and the contribution of each side to their width."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
     start, slope = target.coordinates * away, target.coordinates * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
@@ -151,14 +154,14 @@ def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether finer parts would not help: the image is small, and where it should not be."""
+    """Return whether halving would not help: the image is already small, and lies where it must not."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
 def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     xi, eta, width, height = part
     if max(width, height) < FINEST:
-        raise NotProvedError("it is not told what the motions of a set meet")
+        raise NotProvedError("the walls that the motions of a set meet are undecided")
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

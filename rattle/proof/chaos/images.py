@@ -1,4 +1,4 @@
-"""The impact map Π of a small set of departures from Σ⁺, in balls: t the time of an impact, v the speed after it."""
+"""The image under Π of a small set of departures from Σ⁺, in balls: t is an impact's time, v the speed after it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first, sign
 
-GROWN = 1.25  # by which the guess of a ball of arrival times is widened, each time that it is refused
+GROWN = 1.25  # factor that widens the guessed ball of arrival times after each refusal
 MOST_GROWN = 6
 MOST_NEWTON = 3
-MOST_PARTS = 200  # of a flight
-NEAR = 1e-15  # what is left of the middle's time of arrival
+MOST_PARTS = 200  # parts into which a flight may be cut
+NEAR = 1e-15  # radius of the ball of the middle flight's arrival time
 
 
 class Image(NamedTuple):
-    """Image of the middle of a set, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
+    """The image of a set's midpoint, and the derivatives of Π over the whole set by coordinates in [−1, 1]²."""
 
     middle: tuple[arb, arb]
     slope: arb_mat
@@ -29,7 +29,7 @@ class Image(NamedTuple):
 
 @dataclass(frozen=True)
 class Arrival:
-    """The ends (time, velocity) of flights from a set of departures: of its middle, and their derivatives (2, 2)."""
+    """Time and velocity of arrival of the middle flight, and their derivatives (2, 2) over the whole set."""
 
     time: arb
     velocity: arb
@@ -37,21 +37,19 @@ class Arrival:
 
 
 def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
-    """Return Π of all (t, v) in centre + sides [−1, 1]², with the derivatives by the coordinates in [−1, 1]².
-
-    Their motions meet these walls between two impacts on Σ⁺.
+    """Return the image under Π of the states centre + sides [−1, 1]², whose motions meet `walls` before Σ⁺.
 
     Returns
     -------
     Image
-        Enclosures of the phases, speeds and derivatives.
+        Enclosures of the time, the speed and the derivatives by the coordinates in [−1, 1]².
 
     Raises
     ------
     NotProvedError
-        Unless that is proved of all of them.
+        If the order of impacts is not proved for all states.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # from speeds on Σ⁺ to velocities, and from velocities of arrival to those after
+    turn = arb_mat([[1, 0], [0, -1]])  # reverses the velocity: from a speed on Σ⁺ to a velocity, and at an impact
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
         here = arrival(plane, middle, sides, wall, target)
@@ -60,7 +58,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
 
 
 def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return the flights from a wall at times and velocities middle + sides [−1, 1]², which end first at `target`."""
+    """Return the arrivals of flights from `wall` with states middle + sides [−1, 1]² that first reach `target`."""
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
     bundle = FlightBundle(plane, middle, sides)
@@ -73,13 +71,13 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
         late = arb(0, 1) * guess
         speed = bundle.all_until(time + late).w1
         if not (speed > 0 or speed < 0):
-            raise NotProvedError(f"{name} may graze")
+            raise NotProvedError(f"{name} is not proved to leave and reach its walls with speeds that are not 0")
         moved = -missed / speed
         if abs(moved) < guess:
             break
         guess = guess.max(abs(moved))
     else:
-        raise NotProvedError(f"the time at which {name} ends is not enclosed")
+        raise NotProvedError(f"Newton's interval method does not enclose the time at which {name} ends")
     here = bundle.all_until(time + moved)
     bundle.require_clear(here, wall, target, name)
     (height_t0, speed_t0), (height_w0, speed_w0) = _derivatives(here, here.t1)
@@ -90,13 +88,13 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
 
 
 def spread_of_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
-    """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
+    """Return the largest |by_t0 dt₀ + by_w0 dw₀| for (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
 
 @dataclass(frozen=True)
 class FlightBundle:
-    """Flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
+    """Flights that leave a wall with times and velocities middle + sides [−1, 1]²."""
 
     plane: ModelPlane
     middle: tuple[arb, arb]
@@ -104,25 +102,25 @@ class FlightBundle:
 
     @cached_property
     def hull(self) -> tuple[arb, arb]:
-        """Balls that hold all of them."""
+        """Balls that hold the departure times and velocities of all flights."""
         unit = arb(0, 1)
         t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
         return t0, w0
 
     def until(self, t: arb) -> FlightEnclosure:
-        """Return the middle one."""
+        """Return the middle flight until the time t."""
         return _flight(self.plane, *self.middle, t)
 
     def all_until(self, t: arb) -> FlightEnclosure:
-        """Return all of them."""
+        """Return an enclosure of all flights until the time t."""
         return _flight(self.plane, *self.hull, t)
 
     def height(self, t: arb) -> arb:
-        """Φ(t) − Φ(t₀) of all of them, by the mean value theorem."""
+        """Enclose Φ(t) − Φ(t₀) of all flights by the mean value theorem."""
         return self._at(t, 0)
 
     def speed(self, t: arb) -> arb:
-        """Φ'(t) likewise."""
+        """Enclose Φ'(t) of all flights by the mean value theorem."""
         return self._at(t, 1)
 
     def _at(self, t: arb, which: int) -> arb:
@@ -130,15 +128,15 @@ class FlightBundle:
         return self.until(t).at(t)[which] + arb(0, 1) * spread_of_sides(self.sides, by_t0[which], by_w0[which])
 
     def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
-        """Raise NotProvedError unless these flights meet no wall on their way.
+        """Raise NotProvedError unless the flights meet no wall before they arrive.
 
-        The proof is by their extrema or, where these are not told apart, by bisection of the time: in each part Φ' has
-        one sign, or Φ is clear of the walls all through it.
+        The proof uses the extrema of Φ. If these cannot be separated, the time is bisected: in each part Φ' keeps one
+        sign, or Φ stays clear of the walls.
 
         Raises
         ------
         NotProvedError
-            If they may meet a wall.
+            If the flights may meet a wall.
         """
         try:
             require_first(here, wall, target, name)
@@ -159,11 +157,11 @@ class FlightBundle:
                     parts += [(start, middle), (middle, end)]
             if not parts:
                 return
-        raise NotProvedError(f"{name} may meet a wall on its way")
+        raise NotProvedError(f"{name} is not proved clear of the walls before its end")
 
 
 def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
-    """Return the flight with this begin until t1; its own derivatives are left out."""
+    """Return the flight from time t0 with velocity w0 until t1, without its derivatives."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
@@ -171,7 +169,7 @@ def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
 
 
 def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Return the derivatives of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
+    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t, by t₀ and by w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
     reach = (1 - kept) / plane.delta
@@ -180,12 +178,12 @@ def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[
 
 
 def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
-    """Return when the flight of the middle ends, in a small ball."""
+    """Return a small ball of the time at which the middle flight ends."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
-        raise NotProvedError("the middle of a set meets other walls")
+        raise NotProvedError("the motion from the centre of a set does not meet the expected walls")
     time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight(plane, *middle, time).at(time)
@@ -193,5 +191,5 @@ def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) ->
     late = arb(0, NEAR)
     missed, speed = _flight(plane, *middle, time).at(time)[0] - distance, _flight(plane, *middle, time + late).w1
     if not (speed > 0 or speed < 0) or not abs(missed / speed) < NEAR:
-        raise NotProvedError("the middle of a set may graze")
+        raise NotProvedError("the motion from the centre of a set may graze a wall")
     return time - missed / speed

@@ -1,4 +1,4 @@
-"""Chaos at one point of the plane, from numbers to a theorem."""
+"""Prove chaos at one point of the plane, from computed motions to a certificate."""
 
 from __future__ import annotations
 
@@ -21,24 +21,30 @@ from rattle.proof.flights import ModelPlane
 
 PLACES_TRIED = 3
 POINT = SetPart(0.0, 0.0, 0.0, 0.0)
-DIGITS = Fraction(1, 10**4)  # of the entropy that is said
+DIGITS = Fraction(1, 10**4)  # unit to which the published entropy is rounded down
 
 
 def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> HorseshoeCertificate:
-    """Prove that the impacting gear has chaotic motions at one point: a horseshoe, and what its entropy is at least.
+    """Prove that the impacting gear has chaotic motions: find a horseshoe and a lower bound of its entropy.
 
-    The proof takes half a minute and needs the extra `proof`. Raises ParameterError, and NotProvedError where none was
-    found: then there may still be one. Source: docs/proofs.md.
+    The proof takes half a minute and needs the extra `proof`. Source: docs/proofs.md, lemmas 11 to 14.
+
+    Parameters
+    ----------
+    delta, epsilon, beta : float, str or Fraction
+        Damping, eccentricity and half-backlash of the point, taken exactly.
 
     Returns
     -------
     HorseshoeCertificate
-        Sets and coverings, and the lower bound of the entropy.
+        The sets, their covering relations, and the lower bounds of the entropy.
 
     Raises
     ------
+    ParameterError
+        If a parameter is not allowed.
     NotProvedError
-        If no horseshoe is found or proved.
+        If no horseshoe is found or proved. The gear may be chaotic nevertheless.
     """
     parameters = {
         "delta": exact_number("delta", delta),
@@ -55,15 +61,17 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved
     if best is None:
-        raise NotProvedError("no two loops are proved to be stretched across each other: this may still be chaos")
+        raise NotProvedError(
+            "no two loops are proved to be stretched across each other; the gear may be chaotic nevertheless"
+        )
     return best
 
 
 def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
-    """Return the theorem about the loops of a hub that can be proved, None if these are fewer than two."""
+    """Return the theorem about the loops of a hub that can be proved, or None if these are fewer than two."""
     hub = _exactly(found.hub)
     sets, loops = [hub], list[Loop]()
-    sources: dict[tuple[int, int], Mapped] = {}  # the hub's images serve all loops
+    sources: dict[tuple[int, int], Mapped] = {}  # all loops share the images of the hub
     for each in found.loops:
         new = [_exactly(box) for box in each.boxes]
         numbers = range(len(sets), len(sets) + len(new))
@@ -89,7 +97,7 @@ def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Fo
 def _covered(
     plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
 ) -> tuple[int, ...]:
-    """Return how many forcing periods later each set of a chain covers the next; NotProvedError if one does not."""
+    """Return the forcing periods after which each set of a chain covers the next; NotProvedError if one does not."""
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
         mapped = Mapped(plane, source, (-1,) * word)
@@ -104,25 +112,25 @@ def _covered(
 
 
 def _exactly(box: search.StateBox) -> HSet:
-    """Return a box in few digits, its time in [0, 1)."""
+    """Return a box whose numbers are rounded to few digits, with its time in [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
 
 
 def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
-    """Raise NotProvedError unless each of some sets is disjoint from each of others, whole periods apart too."""
+    """Raise NotProvedError unless each set of `some` is disjoint, modulo whole periods, from each set of `others`."""
     for one in some:
         for other in others:
             for periods in (-1, 0, 1):
                 if not apart(list(one.corners()), [(t + periods, v) for t, v in other.corners()]):
-                    raise NotProvedError("two sets that tell loops apart may meet")
+                    raise NotProvedError("the first sets of two loops are not proved disjoint")
 
 
 def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
     """Return whether a line along a side of either of two parallelograms separates them.
 
-    Their corners are in the order of `HSet`.
+    The corners must be in the order of `HSet.corners`.
 
     Returns
     -------
@@ -139,7 +147,7 @@ def apart(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy(lengths: Sequence[int]) -> Fraction:
-    """Return an h for which Σ e^(−h length) ≥ 1 is proved, in few digits."""
+    """Return a number h, rounded to few digits, for which Σ e^(−h length) ≥ 1 is proved."""
     h = Fraction(math.floor(search.growth(lengths) / DIGITS)) * DIGITS
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

@@ -1,7 +1,7 @@
-"""Search horseshoes, in doubles.
+"""Search for horseshoes in doubles. `prove` then proves or refuses them.
 
-A parallelogram to which chaotic motions return, and along each return the parallelograms through which Π stretches it
-back across itself. What is found here is proved elsewhere, or refused.
+The search looks for a parallelogram, the hub, to which chaotic motions return. Along each return it constructs
+parallelograms through which Π stretches the hub back across itself.
 """
 
 from __future__ import annotations
@@ -20,49 +20,49 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.numerics.complex_step import Array
 
-SEED = 1  # of the motions that are looked at
-STATES, SETTLING, WATCHED = 1500, 400, 200  # motions that are tried, impacts before and in which they are looked at
-CHAOTIC = 0.02  # exponent per forcing period
-KEPT, STEPS, MIDDLE = 400, 72, 36  # motions, their impacts, and the impact at which places are looked for
+SEED = 1  # seed of the random initial conditions
+STATES, SETTLING, WATCHED = 1500, 400, 200  # motions, impacts of their transient, impacts that measure their exponent
+CHAOTIC = 0.02  # least Lyapunov exponent of a chaotic motion, per forcing period
+KEPT, STEPS, MIDDLE = 400, 72, 36  # chaotic motions, their impacts, and the impact whose states are candidate hubs
 PLACES = 24
-SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # along the unstable direction
-SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)  # how much longer the other side is
-MOST_STEPS = 16  # of a loop
-TRIED, EACH, MOST_WORDS = 100, 3, 40  # hubs of which all is worked out; segments with one word; words
-TOGETHER = 2  # hubs of one place that are tried before the next place's
-ROOM = 1.2  # what a set reaches beyond the next, and how much higher the next is
+SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # half-sides of hubs along the unstable direction
+SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)  # ratios of the side along the stable direction to that along the unstable one
+MOST_STEPS = 16  # longest loop, in impacts on Σ⁺
+TRIED, EACH, MOST_WORDS = 100, 3, 40  # hubs whose loops are computed; returns for each itinerary; itineraries
+TOGETHER = 2  # hubs at one state that are tried before those at the next state
+ROOM = 1.2  # factor by which a set overlaps the next one, along ξ and along η
 HIGHEST = 0.95
-UNEVEN, FLAT = 6.0, 0.9  # ratio of stretches in a hub; cosine of an angle in its image
-CORRECTED = 3  # times that the places are improved at which the edges of a set are reached
-SCHEDULED = 4  # times that loops are chosen, for the h of the last choice
-NEAR = 1e-7  # for differences
+UNEVEN, FLAT = 6.0, 0.9  # largest ratio of stretch rates in a hub; least cosine between directions in its image
+CORRECTED = 3  # Newton steps for the points that map to the edges of a set
+SCHEDULED = 4  # times that loops are chosen; each choice uses the growth rate h of the previous one
+NEAR = 1e-7  # step of finite differences
 GROWTH = 1.08 ** np.arange(-12, 40)
 
 
 class StateBox(NamedTuple):
-    """A parallelogram centre + ξ unstable + η stable, |ξ|, |η| ≤ 1: centre (2,), sides (2, 2) as columns."""
+    """The parallelogram centre + ξ unstable + η stable, |ξ|, |η| ≤ 1, with centre (2,) and sides (2, 2) as columns."""
 
     centre: Array
     sides: Array
 
 
 class FoundLoop(NamedTuple):
-    """The boxes between two visits to the first one, and how often Σ⁻ is met on the way from each to the next."""
+    """The boxes between two visits to the hub, and the number of Σ⁻ impacts in each step."""
 
     boxes: tuple[StateBox, ...]
     words: tuple[int, ...]
-    strip: tuple[float, float]  # of the first box, in ξ
+    strip: tuple[float, float]  # the range of ξ in the hub from which the loop starts
 
 
 class Found(NamedTuple):
-    """A box and its loops."""
+    """A hub and its loops."""
 
     hub: StateBox
     loops: tuple[FoundLoop, ...]
 
 
 class OrbitSegment(NamedTuple):
-    """A motion from the hub back to it: states (L + 1, 2) and Σ⁻ impacts (L,) between."""
+    """A motion from the hub back to it: states (L + 1, 2), and Σ⁻ impacts (L,) in each step."""
 
     states: Array
     words: tuple[int, ...]
@@ -70,32 +70,32 @@ class OrbitSegment(NamedTuple):
 
 @dataclass(frozen=True)
 class ReturnMap:
-    """Π at one point of the plane."""
+    """The impact map Π at one point of the plane."""
 
     gear: Gear
 
     def __call__(self, x: Array) -> tuple[Array, NDArray[np.int64]]:
-        """States (…, 2) an impact on Σ⁺ later, and how often Σ⁻ was met; −1 where the motion rests or leaves."""
+        """Return states (…, 2) at the next impact on Σ⁺, and the Σ⁻ impacts before it (−1 where none follows)."""
         gear, bad = self.gear, ~(x[..., 1] > 0)
         v = np.where(bad, 1.0, x[..., 1])
         out = iterate(gear.delta, gear.epsilon, x[..., 0] % 1.0, v, 1, gear.beta)
         return np.stack([out.tau, out.v], -1), np.where(bad | (out.n_plus < 1), -1, out.n_minus)
 
     def tangent(self, x: Array) -> Array:
-        """DΠ (…, 2, 2), by differences."""
+        """Return DΠ (…, 2, 2) by central differences."""
         moves = NEAR * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
         return np.moveaxis(away(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
 
 
 def away(x: Array, centre: Array) -> Array:
-    """Return x − centre (…, 2), times to within half a period."""
+    """Return x − centre (…, 2), with the time difference reduced to [−½, ½)."""
     d = x - centre
     d[..., 0] = (d[..., 0] + 0.5) % 1.0 - 0.5
     return d
 
 
 def growth(lengths: Sequence[float]) -> float:
-    """Return the h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
+    """Return the h for which Σ e^(−h length) = 1. It is 0 for fewer than two loops."""
     if len(lengths) < 2:
         return 0.0
     times = np.asarray(lengths, float)
@@ -103,7 +103,7 @@ def growth(lengths: Sequence[float]) -> float:
 
 
 def search_horseshoes(gear: Gear) -> Iterator[Found]:
-    """Horseshoes that may be there, the most chaotic first. Raises NotProvedError: no motion seems chaotic."""
+    """Yield candidate horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
     states, words = _chaotic(gear)
     pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
@@ -124,7 +124,7 @@ def search_horseshoes(gear: Gear) -> Iterator[Found]:
 
 
 def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
-    """Chaotic motions: states (STEPS + 1, k, 2) and Σ⁻ impacts (STEPS, k)."""
+    """Return chaotic motions as states (STEPS + 1, k, 2) and Σ⁻ impacts (STEPS, k)."""
     rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
     states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
@@ -140,7 +140,7 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
         seen = iterate_tangent(*point, x[:, 0], x[:, 1], WATCHED, gear.beta)
         x = x[(seen.n_plus == WATCHED) & (seen.time > WATCHED / 4) & (seen.lyapunov[0] > CHAOTIC)]
     if not len(x):
-        raise NotProvedError("no motion that seems chaotic was found here")
+        raise NotProvedError(f"no chaotic motion was found at delta = {gear.delta!r}, epsilon = {gear.epsilon!r}")
     path, words = [x[:KEPT]], []
     for _ in range(STEPS):
         after, word = ReturnMap(gear)(path[-1])
@@ -150,7 +150,7 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _places(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield candidates of a hub, with unit vectors that lean as unstable and stable directions: saddles, and states."""
+    """Yield candidate centres of hubs, with unit vectors near their unstable and stable directions."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
@@ -172,19 +172,19 @@ def _unit(x: Array) -> Array:
 
 
 def _pulled(tangent: Array, x: Array) -> Array:
-    """Return the image of x under a tangent map, scaled to length 1."""
+    """Return the preimage of a direction under a tangent map, scaled to length 1."""
     (a, b), (c, d) = tangent
     return _unit(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
 def _samples(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) of a box."""
+    """Return a grid of states (across, high, 2) in a box."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
 def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
-    """Return whether Π stretches the box much the same everywhere, so that its image hardly bends."""
+    """Return whether Π stretches the box nearly uniformly, so that its image hardly bends."""
     after, words = pi(_samples(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
         return False
@@ -195,7 +195,7 @@ def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """First returns to the hub, the shortest first, at most EACH with the same words."""
+    """Yield first returns to the hub, the shortest first, and at most EACH with the same itinerary."""
     inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -210,7 +210,7 @@ def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator
 
 
 def _loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[FoundLoop]:
-    """Loops through the hub whose strips of it lie apart, of which Σ e^(−h length) is largest, h being theirs."""
+    """Return loops with disjoint strips in the hub, chosen for the largest growth rate."""
     found = [loop for segment in segments if (loop := _loop(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
     rate, best = 0.3, list[FoundLoop]()
@@ -231,7 +231,7 @@ def _growth_of(loops: Sequence[FoundLoop]) -> float:
 
 
 def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | None:
-    """Return the boxes about a segment; None if it does not stretch the hub across itself."""
+    """Return the loop along a segment, or None if it does not stretch the hub across itself."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _across(pi, hub, hub, words[0])
@@ -244,7 +244,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
     stable.reverse()
     lengths = np.zeros(steps)
     target = hub
-    for i in range(steps - 1, -1, -1):  # each long enough to reach beyond the next
+    for i in range(steps - 1, -1, -1):  # make each box long enough for its image to overlap the next box
         reached = _reach(pi, x[i], unstable[i], tangents[i] @ unstable[i], target, words[i])
         if reached is None:
             return None
@@ -252,7 +252,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
         target = StateBox(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
     boxes: list[StateBox] = []
     source, strip = hub, (0.0, 0.0)
-    for i in range(1, steps):  # and high enough to hold what comes
+    for i in range(1, steps):  # make each box high enough to hold the image of the previous one
         flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
         high, where = _across(pi, source, flat, words[i - 1])
         if not high < np.inf:
@@ -266,7 +266,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
 
 
 def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int) -> float | None:
-    """Return how far from x an edge must be for its image to lie beyond the target, one edge to either side."""
+    """Return the half-length of a box at x whose two edges map beyond opposite edges of the target, or None."""
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:
@@ -279,15 +279,14 @@ def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: S
 
 
 def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return the largest |η| of Π's image of a box between the target's edges, or a little beyond them.
+    """Return the largest |η| of the image of a box between the target's edges, and the range of ξ that maps there.
 
-    It also tells from which ξ to which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets
-    other walls.
+    The range is taken at η = 0, and includes a margin beyond the edges.
 
     Returns
     -------
     tuple[float, tuple[float, float]]
-        The size, and both ξ.
+        The largest |η|, infinite if Π does not stretch the box across the target or meets other walls; both ends of ξ.
     """
     back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)

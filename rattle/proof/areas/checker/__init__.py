@@ -1,1 +1,1 @@
-"""The checker of blocks, which trusts nobody: it needs this folder alone, and besides Python only mpmath."""
+"""The independent checker of blocks. It imports nothing of this project, and needs only Python and mpmath."""

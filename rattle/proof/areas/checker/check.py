@@ -1,7 +1,7 @@
-"""Check what is claimed of blocks of the plane: `python -m checker.check FILE` where this folder is.
+"""Check certificates of blocks of the plane. From the folder's parent run `python -m checker.check FILE`.
 
-All is proved anew, otherwise than it was found: with other intervals, unknowns and derivatives. docs/proofs.md has the
-lemmas.
+Each claim is proved again by another method than the finder's: other intervals, unknowns and derivatives.
+docs/proofs.md has the lemmas.
 """
 
 import json
@@ -15,9 +15,9 @@ from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
 
-DEEPEST, DEEPEST_CAPTURE = 5, 2  # times that the δ of a block are halved; ε and δ in turn
+DEEPEST, DEEPEST_CAPTURE = 5, 2  # most halvings of a block in δ; for a claim of capture in ε and δ alternately
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: Of A, B, C and D.
+#: The states of A, B, C and D in each region of the paper.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -31,11 +31,11 @@ CLAIMS = REGIONS | {
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(Column)  # what is found of some δ serves all claims there
+column = lru_cache(maxsize=64)(Column)  # all claims of a column of δ share its solutions
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-    """Raise Refused unless a claim holds at all points of a block: as a whole, or in halves."""
+    """Raise BlockRefused unless a claim holds at all points of a block. Where the whole fails, try its halves."""
     try:
         prove_whole(claim, beta, delta, epsilon)
     except BlockRefused:
@@ -47,7 +47,7 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
 
 
 def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
-    """Prove a claim for the whole of a block."""
+    """Raise BlockRefused unless a claim is proved over the whole block in one step."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
         return require_possible(d, e, QUIET[claim])
@@ -57,12 +57,12 @@ def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
             found = check_one(letter, state, d, interval_between(beta, beta), squares)
         else:
             found = two(1 if letter == "D" else -1, state, column(delta, beta), squares)
-        require(found == state, f"{letter} is {found}, not {state}")
+        require(found == state, f"the state of {letter} is {found!r}, not {state!r} as claimed")
     return None
 
 
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Likewise, that quiet captures below a speed."""
+    """Raise BlockRefused unless quiet captures below `speed` on a block. Where the whole fails, try its halves."""
     try:
         Capture(interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)).require_below(speed)
     except BlockRefused:
@@ -76,7 +76,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 
 
 def check_one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
-    """Return the state of A or C."""
+    """Return the state of A or C over a block."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.there():
         return NONE
@@ -84,44 +84,44 @@ def check_one(letter: str, state: str, d: Interval, beta: Interval, squares: tup
 
 
 def two(rises: int, state: str, all_s: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the state of B or D."""
+    """Return the state of B (rises −1) or D (rises 1) over a block."""
     runs = all_s.runs(rises, *squares)
-    require(len(runs) < 2, f"there are {len(runs)}")
+    require(len(runs) < 2, f"{len(runs)} motions of this letter exist, so its state is ambiguous")
     if not runs:
         return NONE
     return THERE if state in (THERE, NONE) else ATTRACTING if all_s.attracts(runs[0], *squares) else SADDLE
 
 
 def check(text: str) -> str:
-    """Prove what is claimed of a block, and return that in words. Raises Refused."""
+    """Prove the claim of a block's certificate and return it as a sentence. Raises BlockRefused."""
     try:
         document = json.loads(text)
-        require((document["format"], document["theorem"]) == (1, "area"), "its format is not known")
+        require((document["format"], document["theorem"]) == (1, "area"), "the certificate's format is unknown")
         claim, beta = document["claim"], exact(document["beta"])
         delta, epsilon = (ends_of(document[name]) for name in ("delta", "epsilon"))
         require(beta > 0 and delta[0] > 0, "a parameter is not positive")
         if claim == CAPTURES:
             speed = exact(document["speed"])
-            require(speed > 0, "its speed is not positive")
+            require(speed > 0, "the claimed speed is not positive")
             prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
-            require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")
+            require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is unknown")
             prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise BlockRefused(f"it cannot be read: {error}") from error
+        raise BlockRefused(f"the certificate cannot be read: {error}") from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
 def ends_of(texts: Any) -> Ends:
-    """Return both ends of an interval from their texts."""
+    """Return the two ends of an interval as exact fractions from their texts."""
     low, high = (exact(each) for each in texts)
-    require(low <= high, "its ends are not in order")
+    require(low <= high, "the lower end of an interval exceeds its upper end")
     return low, high
 
 
 def main(path: str) -> int:
-    """Print what is proved of the block on each line of a file. Returns 1 if one is refused, else 0."""
+    """Check each line of a file and print its proved claim. Returns 1 if a line is refused, else 0."""
     status = 0
     with open(path, encoding="utf-8") as file:
         for number, line in enumerate(file, 1):

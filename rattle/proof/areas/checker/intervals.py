@@ -1,6 +1,6 @@
-"""Intervals, and numbers with their derivatives by two others.
+"""Interval arithmetic, and intervals with their derivatives by s and δ.
 
-Of mpmath's intervals + − × ÷ and roots are taken as they are; pi, exp, sin and cos are widened by 2⁻⁶⁰.
+The operations + − × ÷ and roots are mpmath's. Its pi, exp, sin and cos are widened by 2⁻⁶⁰.
 """
 
 import re
@@ -18,29 +18,29 @@ NUMBER = re.compile(r"\d{1,40}(\.\d{1,100}|/[1-9]\d{0,100})?")
 
 
 class BlockRefused(Exception):  # noqa: N818 - it is an answer, no fault
-    """Why a block is not proved."""
+    """The certificate of a block is not proved; the message gives the reason."""
 
 
 def require(ok: Any, why: str) -> None:
-    """Raise Refused unless ok."""
+    """Raise BlockRefused with the reason `why` unless `ok` is true."""
     if not ok:
         raise BlockRefused(why)
 
 
 def exact(text: str) -> Fraction:
-    """Return the exact number that a text stands for."""
-    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number from 0 on")
+    """Return the fraction that a text stands for exactly."""
+    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is not an exact number of at least 0")
     return Fraction(text)
 
 
 def interval_between(low: Fraction, high: Fraction) -> Interval:
-    """Return the numbers from one to the other."""
+    """Return the interval from low to high."""
     first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
     return IV.mpf([first.a, last.b])
 
 
 def less(x: Any, y: Any) -> bool:
-    """Return whether all numbers of one interval are below all of another; what is not a number is not."""
+    """Return whether every number of x is below every number of y. NaN is below nothing."""
     try:
         return bool((x - y).b < 0)
     except ValueError:
@@ -48,17 +48,17 @@ def less(x: Any, y: Any) -> bool:
 
 
 def times(x: Interval, y: Interval) -> Interval:
-    """Likewise of nothing: most derivatives are 0."""
+    """Return the product of two enclosures. Most derivatives are exactly 0, which skips the work."""
     return ZERO if x is ZERO or y is ZERO else x * y
 
 
 def plus(x: Interval, y: Interval) -> Interval:
-    """Return the sum of two enclosures."""
+    """Return the sum of two enclosures. Most derivatives are exactly 0, which skips the work."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
 class Jet:
-    """A number and its derivatives by s and by δ, as intervals."""
+    """A function's value x and its derivatives by s and by δ, as intervals."""
 
     __slots__ = ("d", "s", "x")
 
@@ -99,42 +99,42 @@ class Jet:
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
     def of(self, x: Interval, slope: Interval) -> "Jet":
-        """Return a function of it, from its value and its derivative."""
+        """Return f(self) from the value and the derivative of f (chain rule)."""
         return Jet(x, times(slope, self.s), times(slope, self.d))
 
     def decay(self) -> "Jet":
-        """Return e^(−x)."""
+        """Return e^(−self)."""
         x = decayed(self.x)
         return self.of(x, -x)
 
     def turn(self, half: int) -> "tuple[Jet, Jet]":
-        """Sine and cosine of so many times half a turn."""
+        """Return the sine and cosine of half · π · self."""
         sine, cosine = sine_and_cosine_of(half * PI * self.x)
         return self.of(sine, half * PI * cosine), self.of(cosine, -half * PI * sine)
 
 
 def middle(x: Interval) -> Interval:
-    """Return the middle of an enclosure."""
+    """Return the midpoint of an interval as an interval."""
     return IV.mpf(x.mid)
 
 
 def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
-    """Sine and cosine."""
+    """Enclose the sine and cosine of an angle in radians."""
     return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
 
 
 def decayed(x: Interval) -> Interval:
-    """Return e^(−x)."""
+    """Enclose e^(−x)."""
     return IV.exp(-x) * (1 + SLACK)
 
 
 def force(d: Any, cosine: Any, sine: Any) -> Any:
-    """Return g where ε cos 2πt and ε sin 2πt are these."""
+    """Return the contact force g at the time when ε cos 2πt = cosine and ε sin 2πt = sine."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 
 
 class ParameterBox:
-    """Two intervals, and what a function with known derivatives can be over both, by the mean value theorem."""
+    """A box of s and δ over which functions are enclosed by the mean value theorem."""
 
     def __init__(self, s: Interval, d: Interval) -> None:
         self.s, self.d = s, d
@@ -142,5 +142,5 @@ class ParameterBox:
         self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(middle(s)), Jet(middle(d)))
 
     def about(self, centre: Interval, over: Jet) -> Interval:
-        """From its value in the middle and its derivatives over both."""
+        """Enclose a function from its value at the midpoint and its derivatives over the box."""
         return centre + over.s * self.ds + over.d * self.dd

@@ -1,18 +1,18 @@
-"""A and C, which are P(1,1,0): X = ε cos 2πτ < 0 for A, > 0 for C."""
+"""The motions A and C, which are P(1,1,0), with X = ε cos 2πτ: A has X < 0 and C has X > 0."""
 
 from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, less, middle, require
 
-SHORTEST, PLACES = 2.0**-18, 32  # a part of a flight; of a search, on either side
+SHORTEST, PLACES = 2.0**-18, 32  # shortest part of a flight, in forcing periods; search points on either side
 
 
 def sine_of(d: Jet) -> Jet:
-    """Y = ε sin 2πτ."""
+    """Return Y = ε sin 2πτ of A and C, which δ alone determines."""
     end = d.decay()
     return 2 - d * (1 + end) / (1 - end)
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Φ − β at t after the impact, which leaves with −2πδ."""
+    """Return Φ − β at the time t after the impact, which the gear leaves with velocity −2πδ."""
     sine, cosine = t.turn(2)
     y = sine_of(d)
     rest = ((2 - y + d) * (2 * PI)) / d
@@ -20,7 +20,7 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
 
 
 class OneImpact:
-    """A or C over a block: at all δ of an interval, with ε² between two numbers."""
+    """The motion A or C over a block: all δ of an interval and all ε² between two numbers."""
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
         box = ParameterBox(ZERO, d)
@@ -33,16 +33,16 @@ class OneImpact:
             self.x = x if letter == "C" else -x
 
     def there(self) -> bool:
-        """Return whether it is there at all points; else it is at none."""
+        """Return whether the motion exists at all points of the block (True) or at none. Refuses an undecided block."""
         if self.unborn:
             return False
         if self.born and self.stays():
             return True
-        require(self.touches(), f"it is not told whether {self.letter} is there")
+        require(self.touches(), f"whether {self.letter} exists is undecided")
         return False
 
     def stays(self) -> bool:
-        """Return whether −2β < Φ − β < 0 between two impacts."""
+        """Return whether −2β < Φ − β < 0 is proved between two impacts."""
         parts = [(ZERO, ONE)]
         while parts:
             low, high = parts.pop()
@@ -58,26 +58,40 @@ class OneImpact:
         return True
 
     def touches(self) -> bool:
-        """Return whether some place of the flight is beyond Σ⁻: looked for at one point, proved for all."""
+        """Return whether the flight is proved to pass Σ⁻ at all points of the block.
+
+        The time of its lowest point is searched at one δ; the proof at that time covers every δ.
+
+        Returns
+        -------
+        bool
+            False means undecided.
+        """
         t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
         for _ in range(3):
             places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
             t = min(places, key=lambda each: float(height_at(Jet(each), d, self.x.a).x.mid.a))
             step = step / PLACES
-        require(less(ZERO, t) and less(t, ONE), "a flight is lowest at its ends")
+        require(less(ZERO, t) and less(t, ONE), "no lowest point was found inside the flight")
         box = ParameterBox(t, self.d)
         return less(box.about(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta)
 
     def attracts(self) -> bool:
-        """Return whether both multipliers are inside the unit circle everywhere; else one is outside everywhere."""
+        """Return whether both multipliers lie inside the unit circle. Refuses a block where this is undecided.
+
+        Returns
+        -------
+        bool
+            True if both lie inside at all points, False if one lies outside at all points.
+        """
         box = ParameterBox(ZERO, self.d)
 
-        def ratio(d: Jet) -> Jet:  # X less than this, 2(1 + E)δ²/4π(1 − E), and more than 0
+        def ratio(d: Jet) -> Jet:  # C attracts where 0 < X < 2(1 + E)δ²/4π(1 − E)
             end = d.decay()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
         flip = box.about(ratio(box.centre[1]).x, ratio(box.jets[1]))
         inside = less(ZERO, self.x) and less(self.x, flip)
         outside = less(self.x, ZERO) or less(flip, self.x)
-        require(inside or outside, f"it is not told whether {self.letter} attracts")
+        require(inside or outside, f"whether {self.letter} attracts is undecided")
         return inside

@@ -1,4 +1,7 @@
-"""B and D, which are P(1,1,1): by the phase φ half-way between Σ⁺ and Σ⁻, s later."""
+"""The motions B and D, which are P(1,1,1).
+
+Unknown are s, the time from the impact on Σ⁺ to the one on Σ⁻, and φ, the phase half-way between them.
+"""
 
 from collections.abc import Callable
 from fractions import Fraction
@@ -21,12 +24,13 @@ from .intervals import (
     sine_and_cosine_of,
 )
 
-SHARE, SHORTEST = Fraction(1, 64), 2.0**-13  # of the width in δ, to which s is cut; a part of a flight
+SHARE = Fraction(1, 64)  # narrowest cell of s, in widths of the column in δ
+SHORTEST = 2.0**-13  # shortest part of a flight, in forcing periods
 Part = tuple[Fraction, Fraction]
 
 
 class Terms:
-    """Terms of all equations: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = ab, and sine and cosine of πs."""
+    """The terms that all equations share: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = ab, and sine and cosine of πs."""
 
     def __init__(self, s: Jet, d: Jet) -> None:
         self.s, self.d, self.a, self.b, self.end = s, d, (d * s).decay(), (d * (1 - s)).decay(), d.decay()
@@ -34,7 +38,16 @@ class Terms:
 
 
 def system(t: Terms, beta: Interval) -> list[Jet]:
-    """Return a₁₁, a₁₂, b₁, a₂₁, a₂₂, b₂ of the equations of (Z₁, Z₂) = ε (sin φ, cos φ), φ = 2πτ + πs."""
+    """Return the coefficients of the two linear equations in (Z₁, Z₂) = ε (sin φ, cos φ), φ = 2πτ + πs.
+
+        a₁₁ Z₁ + a₁₂ Z₂ = b₁
+        a₂₁ Z₁ + a₂₂ Z₂ = b₂
+
+    Returns
+    -------
+    list[Jet]
+        a₁₁, a₁₂, b₁, a₂₁, a₂₂ and b₂.
+    """
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
     first = both * t.cosine * -2, (t.b - t.a) * t.sine * 2, t.d * lost - both * 4
@@ -42,7 +55,7 @@ def system(t: Terms, beta: Interval) -> list[Jet]:
 
 
 def speeds(t: Terms, z: list[Jet]) -> list[Jet]:
-    """Return v after Σ⁺, u after Σ⁻, and ε²."""
+    """Return the speed v after Σ⁺, the speed u after Σ⁻, and ε², at the solution z = (Z₁, Z₂)."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -50,19 +63,28 @@ def speeds(t: Terms, z: list[Jet]) -> list[Jet]:
 
 
 def room(t: Terms, z: list[Jet]) -> list[Jet]:
-    """1 + E − T and 1 + E + T, times uv: T is the trace of flights and impacts, [[−1, 0], [2g/w, −1]] at velocity w."""
+    """Return uv (1 + E − T) and uv (1 + E + T), which are both positive where the motion attracts (lemma 19).
+
+    The tangent map of an impact at velocity w is [[−1, 0], [2g/w, −1]].
+
+    Returns
+    -------
+    list[Jet]
+        Both margins. T is the trace of the product of the tangent maps of both flights and both impacts.
+    """
     v, u, _ = speeds(t, z)
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
     top, bottom = force(t.d, c0 + s0, c1 - s1) * 2, force(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d
-    down = first * top - v, -(first * v), t.a * top, -(t.a * v)  # the flight after the impact, times v
+    # v times the product of the flight's tangent map and the impact's
+    down = first * top - v, -(first * v), t.a * top, -(t.a * v)
     up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)
     trace, one = up[0] * down[0] + up[1] * down[2] + up[2] * down[1] + up[3] * down[3], (1 + t.end) * u * v
     return [one - trace, one + trace]
 
 
 class Cell(ParameterBox):
-    """All solutions with s in an interval, at all δ of another."""
+    """All solutions whose s lies in one interval, at all δ of another."""
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
@@ -70,7 +92,7 @@ class Cell(ParameterBox):
         self.over, self.mid = Terms(*self.jets), Terms(*self.centre)
         over, centre = (system(terms, beta) for terms in (self.over, self.mid))
         a, c, b, e, g, h = (self.about(m.x, o) for m, o in zip(centre, over, strict=True))
-        self.least = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # of ε², by each equation
+        self.least = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε², one from each equation
         self.solvable = less(ZERO, a * g - c * e) or less(a * g - c * e, ZERO)
         if self.solvable:
 
@@ -86,18 +108,18 @@ class Cell(ParameterBox):
             self.z = [
                 Jet(self.about(m.x, Jet(x, p, q)), p, q) for m, x, p, q in zip(self.z0, z, by_s, by_d, strict=True)
             ]
-            self.v, self.u, self.e = self.told(speeds)
+            self.v, self.u, self.e = self.enclose(speeds)
             self.middle = [each.x for each in speeds(self.mid, self.z0)]
 
-    def told(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Values and derivatives over the cell."""
+    def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
+        """Enclose the values and derivatives of a function of (terms, z) over the cell."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.about(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
         return self.known[of]
 
     def lacks(self, low: Interval, high: Interval) -> bool:
-        """Return whether no motion with ε² between these is here."""
+        """Return whether the cell is proved to hold no motion with ε² between low and high."""
         if any(less(high, bound) for bound in self.least):
             return True
         if not self.solvable:
@@ -107,28 +129,43 @@ class Cell(ParameterBox):
         return less(self.mixed(1), low) or less(self.mixed(-1), -high)
 
     def holds(self, rises: int, low: Interval, high: Interval) -> bool | None:
-        """Return whether all solutions with ε² between these happen and have such an ε(s); None if undecided."""
+        """Return whether all solutions with ε² between low and high are admissible and lie where ε(s) rises (falls).
+
+        Returns
+        -------
+        bool | None
+            True if that is proved of all of them, False if it is proved of none, None if undecided.
+        """
         if self.lacks(low, high) or (self.solvable and less(rises * self.e.s, ZERO)):
             return False
         if not (self.solvable and less(ZERO, rises * self.e.s) and less(ZERO, self.v.x)):
             return None
-        hits = less(ZERO, self.u.x) or less(high, self.mixed(1)) or less(-low, self.mixed(-1))  # at these ε u > 0
+        # u > 0 wherever ε² lies between low and high
+        hits = less(ZERO, self.u.x) or less(high, self.mixed(1)) or less(-low, self.mixed(-1))
         return True if hits and self.falls(1, ZERO, self.s) and self.falls(-1, self.s, ONE) else None
 
     def mixed(self, sign: int) -> Interval:
-        """± ε² + λu, with a λ ≥ 0 for which it changes little with s: where u ≥ 0, ± ε² is not above it."""
+        """Enclose sign · ε² + λu with a λ ≥ 0 that makes the sum hardly change with s (lemma 17)."""
         share = max(0.0, -sign * float(self.e.s.mid.a) / float(self.u.s.mid.a))
         _, u, e = self.middle
         return self.about(sign * e + share * u, self.e * sign + self.u * share)
 
     def falls(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Return whether Φ falls (−1: rises) between two events, of which s is one, if it does at both."""
+        """Return whether Φ is proved monotone between two events, falling (sign 1) or rising (sign −1).
+
+        The time s is one of the events. Φ' is known to have the right sign at both.
+
+        Returns
+        -------
+        bool
+            False means undecided.
+        """
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
             first, last = low == start.b, high == end.a
             t = IV.mpf([start.a if first else low, end.b if last else high])
-            push = -sign * self.push(t)  # e^(δt) Φ' grows in size if positive
+            push = -sign * self.push(t)  # e^(δt) |Φ'| grows where this is positive
             at, known = (low, first) if less(ZERO, push) else (high, last) if less(push, ZERO) else (t, False)
             if not (known or less(ZERO, -sign * self.velocity(sign, at))):
                 if less(high - low, SHORTEST):
@@ -137,13 +174,13 @@ class Cell(ParameterBox):
         return True
 
     def push(self, t: Interval) -> Interval:
-        """Return g at t after Σ⁺."""
+        """Enclose the contact force g at the time t after Σ⁺."""
         sine, cosine = sine_and_cosine_of(2 * PI * t - PI * self.s)
         z1, z2 = (z.x for z in self.z)
         return force(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
 
     def velocity(self, sign: int, t: Interval) -> Interval:
-        """Φ' at t after Σ⁺, from the event before: the part of it that decays, and the part that is driven."""
+        """Enclose Φ' at the time t after Σ⁺, as the driven solution and a decaying one from the previous event."""
         since, w = (ZERO, -self.v.x) if sign > 0 else (self.s, self.u.x)
         z1, z2 = (z.x for z in self.z)
 
@@ -155,7 +192,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """All motions of one period at some δ."""
+    """All motions B and D at the δ of one interval."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta, self.narrowest = (
@@ -166,52 +203,66 @@ class Column:
         self.cells: dict[Part, Cell] = {}
 
     def cell(self, low: Fraction, high: Fraction) -> Cell:
-        """Return the cell of solutions with s between two numbers."""
+        """Return the cell of solutions with s between low and high, computed once."""
         if (low, high) not in self.cells:
             self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
     def runs(self, rises: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return the cells of each motion B (D) with ε² between these: where ε(s) takes each of these values once."""
-        told, parts = [], [(Fraction(0), Fraction(1))]
+        """Return the motions B (D) with ε² between low and high.
+
+        Returns
+        -------
+        list[list[Part]]
+            One list of neighbouring cells of s for each motion. Along it ε(s) takes every value exactly once.
+        """
+        decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
             here = self.cell(first, last).holds(rises, low, high)
             if here is None:
                 require(
                     last - first > self.narrowest,
-                    f"about s = {float(first):.4f} it is not told whether B or D is there",
+                    f"whether B or D exists near s = {float(first):.4f} is undecided",
                 )
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
-                told.append((here, (first, last)))
-        require(not told[0][0] and not told[-1][0], "a family of motions may not end")
-        runs = [[part for _, part in group] for here, group in groupby(told, lambda each: each[0]) if here]
+                decided.append((here, (first, last)))
+        require(not decided[0][0] and not decided[-1][0], "a family of B or D is not proved to end inside 0 < s < 1")
+        runs = [[part for _, part in group] for here, group in groupby(decided, lambda each: each[0]) if here]
         return [run for run in runs if self.crosses(run, rises, low, high)]
 
     def crosses(self, run: list[Part], rises: int, low: Interval, high: Interval) -> bool:
-        """Return whether ε goes through all these values along a run; at its ends it has none of them, at any δ."""
+        """Return whether ε² passes from below `low` to above `high` along a run, in the direction `rises`.
+
+        At the ends of a run ε² lies outside [low, high] at every δ of the column, so testing one δ is enough.
+
+        Returns
+        -------
+        bool
+            False if ε² takes none of these values.
+        """
         sides = []
         for s in (run[0][0], run[-1][1]):
             e = Cell(interval_between(s, s), middle(self.d), self.beta).e.x
-            require(less(e, low) or less(high, e), "it is not told where a family of motions ends")
+            require(less(e, low) or less(high, e), "the side on which a family of B or D leaves the block is undecided")
             sides.append(1 if less(high, e) else -1)
         return sides == [-rises, rises]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return whether the motion attracts everywhere; else it does so nowhere."""
+        """Return True if the motion attracts at all points, False if at none. Raises BlockRefused if undecided."""
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
             cell = self.cell(first, last)
             if cell.lacks(low, high):
                 continue
-            above, below = (each.x for each in cell.told(room))
+            above, below = (each.x for each in cell.enclose(room))
             inside = less(ZERO, above) and less(ZERO, below)
             if inside or less(above, ZERO) or less(below, ZERO):
                 verdicts.add(inside)
-                require(len(verdicts) == 1, "a motion attracts in one part and not in another")
+                require(len(verdicts) == 1, "the motion attracts in one part of the block and not in another")
             else:
-                require(last - first > self.narrowest, "it is not told whether a motion attracts")
+                require(last - first > self.narrowest, "whether the motion attracts is undecided")
                 parts += [(first, (first + last) / 2), ((first + last) / 2, last)]
         return True in verdicts
