@@ -117,7 +117,7 @@ class _Cells:
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def sample(self) -> None:
-        """Keep the lowest of the sample that go away, and of their preimages."""
+        """Classify the first sample. Keep its lowest states that reach another attractor and their lowest preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
@@ -166,9 +166,10 @@ class _Cells:
         return np.repeat(cell, each), fold(tau + x), v + y
 
     def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of states (n, k) that leave, of states near these, and of edges of new regions.
+        """Keep the lowest preimages of states (n, k) that reach another attractor, and of edges of new regions.
 
-        The regions are capture regions.
+        If the states are few, copies close to them are added. New regions are capture regions found since the last
+        call.
         """
         number = away.sum(axis=1)[:, None]
         every = -(-number * (1 + COPIES) // STATES)  # every this many-th copy is used, because room is limited

@@ -207,10 +207,10 @@ def leave_footprints(b, groups, footprints):
 
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """Settle probes with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
+    """Settle probes with a tangent vector, for at least `least` impacts and `periods` forcing periods (k,).
 
-    sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
-    footprints[j] the boxes that it visits.
+    A probe ends earlier at its limit. sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample
+    which[j] after ALIGNMENT impacts. footprints[j] collects the boxes that the sample visits.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     empty(b)

@@ -71,5 +71,5 @@ def regions(
     restitution: ArrayLike = 1.0,
     load: ArrayLike = 0.0,
 ) -> NDArray[np.int8]:
-    """Return the region of every element of the broadcast parameters, as its number in `rattle.REGIONS`."""
+    """Return the region of every element of the broadcast parameters as its number in `rattle.REGIONS`."""
     return classify(period_one(delta, epsilon, beta, restitution, load))
