@@ -1,4 +1,4 @@
-"""A to D of the inelastic gear under one cosine over whole parameter arrays, with multipliers, and their regions."""
+"""Orbits A to D of the inelastic gear with one cosine over parameter arrays, with multipliers, and their regions."""
 
 from __future__ import annotations
 
