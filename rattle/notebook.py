@@ -1,4 +1,4 @@
-"""Displays of results: in a line, in a notebook as a table, and as what pandas and xarray work with."""
+"""Displays of results: as one line, as a table in a notebook, and as pandas and xarray objects."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 else:
-    DataFrame = Dataset = Figure = Any  # who asks for one has them
+    DataFrame = Dataset = Figure = Any  # placeholders for type hints; the libraries are optional
 
-ROWS = 12  # of a table in a notebook; of longer ones the first and the last
+ROWS = 12  # most rows of a table in a notebook; a longer table shows its first and last rows
 
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 
 
 class Shown(Protocol):
-    """A result that can say what it is."""
+    """A result that has a caption and a table."""
 
     def _caption(self) -> str:
-        """Return the result in a line."""
+        """Return the result as one line of text."""
 
     def _columns(self) -> Columns:
-        """Return the result's table, columns of the same length by their names."""
+        """Return the columns of the result's table, of equal length, by name."""
 
 
 class Tabular:
-    """The part of a result that shows it: in a line, in a notebook as a table, and as a DataFrame."""
+    """Mixin that displays a result as one line, as a table in a notebook, and as a DataFrame."""
 
     def __repr__(self: Shown) -> str:
         """Return a one-line description."""
@@ -82,7 +82,7 @@ def dataframe_of(result: Shown) -> DataFrame:
 def dataset_of(
     variables: Mapping[str, tuple[Any, ...]], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]
 ) -> Dataset:
-    """Return an xarray.Dataset; arguments as its own. Raises MissingExtraError without xarray."""
+    """Return an xarray.Dataset from the arguments of its constructor. Raises MissingExtraError without xarray."""
     try:
         import xarray
     except ModuleNotFoundError as error:
@@ -91,9 +91,9 @@ def dataset_of(
 
 
 def figure_of(result: Shown, drawn_by: str) -> Figure:
-    """Return the picture of a result, by this function of `rattle.plot`, which is loaded by its name.
+    """Return the picture of a result, drawn by the function of `rattle.plot` with this name.
 
-    `rattle.plot` knows all results, so results do not import it.
+    The name is resolved late, because `rattle.plot` imports all results.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def motion_label(m: int, n_plus: int, n_minus: int) -> str:
 
 
 def table_of(columns: Columns) -> str:
-    """Columns as plain text, a line for each row below a line of names."""
+    """Return columns as plain text: a line of names, then a line for each row."""
     texts = [[name, *map(_text, values)] for name, values in columns.items()]
     widths = [max(map(len, column)) for column in texts]
     return "\n".join(
@@ -125,7 +125,7 @@ def table_of(columns: Columns) -> str:
 
 
 def html(caption: str, columns: Columns) -> str:
-    """Return a table; of a long one the first and the last rows."""
+    """Return an HTML table; of a long one the first and the last rows."""
     length = max((len(values) for values in columns.values()), default=0)
     shown: Iterable[int | None] = range(length)
     if length > ROWS:

@@ -1,4 +1,4 @@
-"""Parameters: which numbers a model has beside δ and ε (`Parameter`), and their values (`Parameters`)."""
+"""The parameters that a model has besides δ and ε (`Parameter`), and their values at points (`Parameters`)."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import parameters
 
 Array = NDArray[np.float64]
-Harmonic = tuple[int, float, float]  # order, amplitude over that of the first harmonic, phase in turns
+Harmonic = tuple[int, float, float]  # order, amplitude relative to the first harmonic, phase in turns
 MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a gear, greater than 0, that all cells of a plane of (δ, ε) have: declared once for every use of it.
+    """A positive parameter of a gear that is the same over a (δ, ε) plane, declared once for all its uses.
 
     Parameters
     ----------
     name : str
-        Its name in code, requests, stores and options.
+        Name in code, requests, stores and options.
     symbol : str
-        Its letter in texts.
+        Letter in texts.
     label : str
-        Its name in words, such as "half-backlash".
+        Name in words, such as "half-backlash".
     of : str
-        The part of the gear that has it, such as "the walls"; empty if that is the gear.
+        The part of the gear with this parameter, such as "the walls"; empty for the gear itself.
     default : float, optional
-        Its value where none is given; None: it must be given.
+        Default value; None if a value must be given.
     example : float
-        A value to offer.
+        A suitable value, which forms suggest.
     least, greatest : float
-        The values that a form offers from, and that a request allows up to.
+        The least value that a form offers, and the greatest that a request allows.
     unit : str
-        Its unit, "1" for a number without one.
+        Unit, "1" for a dimensionless number.
     is_axis : bool
-        Whether it may be the third axis of a survey.
+        Whether the parameter may be the third axis of a survey.
     path_power : float
-        The power of it that changes evenly along a path of parameters.
+        The power of the parameter that changes linearly along a path of parameters.
     path_label : str
-        The name of that power in words, for an axis.
+        Name of that power in words, for an axis.
     may_be_zero : bool
         Whether 0 is allowed too.
     machine_number : str, optional
-        The number of a `rattle.Machine` that makes it.
+        The field of `rattle.Machine` from which the parameter follows.
     machine_text, machine_absent : str
-        What that number is, and what it means that there is none, for options and forms.
+        Description of that field, and of its absence, for options and forms.
     of_machine : callable, optional
-        From that number and the `rattle.machine.conversion.Reduced` gears to its value.
+        Return the parameter from that field and the `rattle.machine.conversion.Reduced` gears.
     """
 
     name: str
@@ -82,25 +82,25 @@ class Parameter:
 
     @property
     def in_words(self) -> str:
-        """Return the parameter's name and letter in a list of what a gear has, such as "walls" and their stiffness."""
+        """Return name and letter for a list of what a gear has, such as "walls" and their stiffness."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
 
     @property
     def advice(self) -> str:
-        """Advice for the value, in words."""
+        """Return a sentence about suitable values."""
         return f"such as {self.example:g}"
 
     @property
     def described(self) -> str:
-        """Return the parameter's name in words, with the part of the gear that has it."""
+        """Return the name in words, with the part of the gear that has the parameter."""
         return f"{self.label} of {self.of}" if self.of else self.label
 
 
 def parameters_in(module: str) -> tuple[Parameter, ...]:
-    """Return what the file `declaration.toml` beside a module declares.
+    """Return the parameters that the file `declaration.toml` beside a module declares.
 
-    It is a file because commands and the client read it too, which do not load the library.
+    They are in a file because the commands and the client read them without loading the library.
 
     Returns
     -------
@@ -118,7 +118,7 @@ BETA = Parameter("beta", "β", "half-backlash", default=0.6, example=0.6)
 class Parameters:
     """Values of all parameters of a model: of one point or of many, arrays of one shape.
 
-    `Parameters.of` checks them; kernels take the arrays apart at their border only.
+    `Parameters.of` checks the values. Only the callers of kernels unpack the arrays.
 
     Parameters
     ----------
@@ -127,9 +127,9 @@ class Parameters:
     delta, epsilon, beta : ndarray
         Damping, eccentricity and half-backlash.
     added : mapping of str to ndarray
-        What the model has besides, by name, in the order of its declaration.
+        The model's other parameters by name, in the order of its declaration.
     harmonics : tuple of Harmonic
-        The shape of the forcing beside its first harmonic, the same at all points.
+        The further harmonics of the forcing, the same at all points.
     """
 
     model: str
@@ -141,8 +141,8 @@ class Parameters:
 
     @classmethod
     def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
-        """Broadcast values to one shape. Raises ParameterError where one is outside its domain."""
-        # copies, for kernels: what is broadcast cannot be written to
+        """Broadcast values to one shape. Raises ParameterError if one is outside its domain."""
+        # copy, because kernels do not accept broadcast arrays, which are read-only
         d, e, b, *others = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **added))
         return cls(model, d, e, b, dict(zip(added, others, strict=True)))
 
@@ -167,19 +167,19 @@ class Parameters:
         return self.delta.size
 
     def flat(self) -> Parameters:
-        """Return the points in C order, arrays (size,) of their own."""
+        """Return the points in C order, as contiguous arrays (size,)."""
         return self._each(lambda x: np.array(x, order="C").ravel())
 
     def take(self, which: Any) -> Parameters:
-        """Return the points of an index, a slice or a mask."""
+        """Return the points selected by an index, a slice or a mask."""
         return self._each(lambda x: np.ascontiguousarray(x[which]))
 
     def repeat(self, count: int) -> Parameters:
-        """Return each point so many times, one after the other."""
+        """Return each point `count` times in succession."""
         return self._each(lambda x: np.repeat(x, count))
 
     def towards(self, other: Parameters, share: float) -> Parameters:
-        """Return the points at a share of the way to others of the same model."""
+        """Return the points at `share` of the way from these to other points of the same model."""
         if share == 1.0:
             return other
         mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
@@ -187,7 +187,7 @@ class Parameters:
         return Parameters(self.model, delta, epsilon, beta, mixed, self.harmonics)
 
     def with_harmonics(self, harmonics: tuple[Harmonic, ...]) -> Parameters:
-        """Return the same points with this shape of the forcing."""
+        """Return the same points with these further harmonics of the forcing."""
         return replace(self, harmonics=harmonics)
 
     def point(self, number: int = 0) -> dict[str, float]:
