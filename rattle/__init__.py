@@ -1,11 +1,10 @@
 """rattle: the impacting gear model of Mason and Piiroinen (2009), exact and fast.
 
-`Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
-`quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
-`cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
-curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit; `certify` proves
-periodic motions of both. `Machine` is a pair of gears in SI units; `rattle.comparison` sets measured impacts beside the
-model's.
+`Gear(delta, epsilon, beta)` is one parameter point. `regions`, `period_one`, `grazing`, `sn1`, `flip` and `quiet_limit`
+take whole arrays. `periodic_orbit` solves for any periodic motion. `branch`, `doubled`, `beyond` and `cascade` follow
+it in one parameter, and `diagram` follows all motions along a segment. `curves` has the bifurcation curves of the (δ,
+ε) plane. `rattle.stiff` is the gear with stiff contact, whose limit is this gear. `certify` proves periodic motions of
+both. `Machine` is a pair of gears in SI units. `rattle.comparison` compares measured impacts with the model.
 """
 
 from importlib import import_module
@@ -63,7 +62,7 @@ if TYPE_CHECKING:
     from rattle.resilience.shocks import LeastShock, smallest_shock
     from rattle.resilience.tipping import Tipping, tipping
 
-#: What takes both gears, which not everybody has a use for: half as long again to load.
+#: Names that are loaded on first use, because they need both gears and make the import half as long again.
 _OF_BOTH_GEARS = {
     "Accumulator": "rattle.resilience.accumulate",
     "accumulated": "rattle.resilience.accumulate",

@@ -1,4 +1,4 @@
-"""The library's exceptions: one base, so that a caller can catch everything of ours in one clause."""
+"""The library's exceptions, with one base class, so that one clause can catch all of them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LONGEST_NAME = 80  # characters: no name is longer, and comparing takes the square of it
-LEAST_PART = 3  # characters of a name that suggest it
-MOST_MEANT = 3  # names that one may have meant
-MAY_BE_ZERO = ("epsilon", "load")  # all other parameters are greater than 0
+LONGEST_NAME = 80  # characters that are compared; the time grows as their square, and no known name is longer
+LEAST_PART = 3  # least number of equal characters that suggest a name
+MOST_MEANT = 3  # most names that a message suggests
+MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater
 AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
 
@@ -23,26 +23,26 @@ class RattleError(Exception):
     Attributes
     ----------
     code : str
-        Stable name of the kind of error, for programs: people read the message, which may change.
+        Stable name of the kind of error, for programs. The message is for people and may change.
     """
 
     code: ClassVar[str] = "not_computable"
 
 
 class ParameterError(RattleError, ValueError):
-    """A parameter or an initial condition outside the model's domain; the message says which and why."""
+    """A parameter or an initial condition is outside the model's domain; the message says which and why."""
 
     code = "invalid_parameter"
 
 
 class NotProvedError(RattleError):
-    """A claim that could not be proved, which may still be true; the message says at what it failed."""
+    """A claim could not be proved, although it may be true; the message names the step that failed."""
 
     code = "not_proved"
 
 
 class MissingExtraError(RattleError, ImportError):
-    """An optional dependency that is not installed; the message names the extra that brings it."""
+    """An optional dependency is not installed; the message names the extra that installs it."""
 
     code = "missing_extra"
 
@@ -79,7 +79,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
 
 def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
-    """Raise ParameterError unless a name is a known one; the message has these, and the one that was meant."""
+    """Raise ParameterError unless `name` is one of the known names; the message lists them and suggests the closest."""
     names = list(known)
     if not (isinstance(name, str) and name in names):
         raise ParameterError(
@@ -95,13 +95,13 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
         array: NDArray[Any] = np.asarray(value)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{name} must be a number or an array of numbers: {error}") from None
-    if array.dtype.kind not in "iuf":  # printing a large array takes longer than using it
+    if array.dtype.kind not in "iuf":  # test the type first, because printing a large array for the message is slow
         raise ParameterError(f"{name} must be real numbers in double precision, got {_shortened(value)}")
     return array.astype(np.float64)
 
 
 def _shortened(value: object) -> str:
-    """Return the value for a message; the digits of a huge integer cannot all be printed."""
+    """Return the value as text for a message, shortened; a huge integer cannot be printed in full."""
     try:
         return repr(value)[:80]
     except ValueError:
@@ -143,7 +143,7 @@ def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
 
 
 def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike) -> list[NDArray[np.float64]]:
-    """Broadcast and validate parameters: all positive, but for `MAY_BE_ZERO`, and no larger than `AT_MOST` says.
+    """Broadcast and validate parameters: all positive except `MAY_BE_ZERO`, and none larger than `AT_MOST`.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: 
     Raises
     ------
     ParameterError
-        A value is outside its domain, or shapes do not broadcast.
+        If a value is outside its domain, or the shapes do not broadcast.
     """
     named = {"delta": delta, "epsilon": epsilon, "beta": beta, **others}
     try:
@@ -161,7 +161,7 @@ def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: 
     except ParameterError:
         raise
     except ValueError as error:
-        raise ParameterError(f"{', '.join(named)} must broadcast: {error}") from None
+        raise ParameterError(f"{', '.join(named)} must have shapes that broadcast: {error}") from None
     for name, array in zip(named, arrays, strict=True):
         require(bool(np.isfinite(array).all()), f"{name} must be finite")
         least = name in MAY_BE_ZERO

@@ -1,4 +1,4 @@
-"""Compile kernels before anybody's time is counted, by small pieces of the work that needs them."""
+"""Compile kernels in advance, by running small examples of the work that needs them."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from rattle.models import BETA, MODELS, Capability, Model, model_adding
 from rattle.numerics.compile import compile_apart
 
 DELTA, EPSILON = 0.6, 0.1
-HIGHEST = 0.25  # ε to which a curve is followed
-COUNT = 16  # samples of a cell
+HIGHEST = 0.25  # largest ε of the example curve
+COUNT = 16  # samples of an example cell
 Steps = dict[str, Callable[[], object]]
 
 
 def precompile(*, preload: bool = False, optional: bool = False, **added: float | None) -> None:
-    """Compile the kernels of surveys, unless that was done before.
+    """Compile the kernels of surveys, unless they are in the cache.
 
-    They are compiled in a process of their own, once on a machine for all processes, in up to a minute. Those that no
-    survey needs, such as of the boundary distance or of manifolds, are compiled when first used.
+    A separate process compiles them, once for all processes of a machine, in up to a minute. Kernels that no survey
+    needs, such as those of the boundary distance or of manifolds, are compiled on first use.
 
     Parameters
     ----------
     optional : bool
-        Whether to compile those of families and intensities too, which only some surveys ask for.
+        Whether to compile also the kernels of families and intensities, which only some surveys need.
     preload : bool
-        Whether to load those that follow samples too, so that the first tile need not.
+        Whether to load also the kernels that follow samples, so that the first tile need not.
     **added : float, optional
-        What a model adds, such as the stiffness of the stiff gear, for its kernels; by default those of the impacting
-        gear.
+        A model's further parameters, such as the stiffness of the stiff gear, which select its kernels; by default
+        those of the impacting gear.
 
     Raises
     ------
     RattleError
-        The kernels cannot be compiled; the message says why.
+        If the kernels cannot be compiled; the message says why.
     """
     model = model_adding(name for name, value in added.items() if value is not None).name
     compile_apart(__name__, "survey", model)
@@ -52,12 +52,12 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
 
 
 def example_of(name: str) -> Model:
-    """Return the model of this name with the numbers at which its kernels are compiled."""
+    """Return the model of this name, and the parameters with which its kernels are compiled."""
     return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
 
 
 def survey(name: str) -> Steps:
-    """Return what needs the kernels that every survey of this model needs."""
+    """Return functions that compile, by running them, the kernels that every survey of this model needs."""
     model, delta, epsilon, few = _cells(name)
 
     def orbits() -> None:
@@ -72,7 +72,7 @@ def survey(name: str) -> Steps:
         if Capability.BALANCE in model.has:
             model.impulse_balance_errors(delta, epsilon, table)
 
-    def rare() -> None:  # what only some samples need
+    def rare() -> None:  # kernels that only some samples need
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), nothing_seen(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classified(model.at(delta, epsilon), *states)
@@ -87,7 +87,7 @@ def survey(name: str) -> Steps:
 
 
 def by_request(name: str) -> Steps:
-    """Return what needs the kernels of quantities that a survey of this model has only by request."""
+    """Return functions that compile the kernels of optional quantities of a survey of this model."""
     model, delta, epsilon, few = _cells(name)
 
     def families() -> None:

@@ -1,4 +1,4 @@
-"""Decide which attractor a state goes to; basins, and how they intermingle. Knows no gear."""
+"""Decide which attractor a state goes to; basins, and how they intermingle. Independent of the gear."""
 
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH

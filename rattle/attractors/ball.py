@@ -1,10 +1,13 @@
-"""A ball around a stable periodic point from which every trajectory goes to it (compiled).
+"""Capture regions: neighbourhoods of stable periodic points from which every trajectory converges (compiled).
 
-DΠ^k at the point contracts in the norm zᵀMz that solves M − JᵀMJ/ρ² = Q, with ρ between the spectral radius and 1. The
-ball is grown as long as, on its rim and half way to it, Π^k makes as many impacts on Σ⁻ as the orbit and its tangent
-contracts in that norm; half the largest such radius is used. Where Π^k is smooth and DΠ^k contracts on a convex set
-around its fixed point, the set is mapped into itself and shrinks to the point. docs/decisions/0007-survey-cost.md says
-what this assumes between the directions that are looked at, and how it is tested.
+DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q and ρ lies between the spectral radius and
+1. The region is the ellipse zᵀMz < radius². The radius grows while, on the ellipse and on the one of half its size, two
+conditions hold at each sampled direction: Π^k makes as many impacts on Σ⁻ as the orbit does, and its tangent contracts
+in that norm. Half the largest such radius is used.
+
+Where Π^k is smooth and DΠ^k contracts on a convex set around its fixed point, the set is mapped into itself and shrinks
+to the point. docs/decisions/0007-survey-cost.md states what this assumes between the sampled directions, and how that
+is tested.
 """
 
 import math
@@ -19,18 +22,28 @@ from rattle.flight.law import speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import point_of, power_map, step
 
-LARGEST, SMALLEST = 0.25, 1e-5  # radii in phase that are tried, halving
-SPEED_WEIGHT = 1.0 / 16.0  # (Δτ)² + (Δv)²/16: phases are of order 1, speeds of order 4 units
+LARGEST, SMALLEST = 0.25, 1e-5  # first and last radius to try, in units of phase; each is half the previous one
+SPEED_WEIGHT = 1.0 / 16.0  # the distance is (Δτ)² + (Δv)²/16, because phases are of order 1 and speeds of order 4 units
 DIRECTIONS = 8
 COSINES, SINES = (np.array([f(math.pi * i / DIRECTIONS) for i in range(2 * DIRECTIONS)]) for f in (math.cos, math.sin))
 BALLS_PER_ORBIT = 4
 
 
 class Centres(NamedTuple):
-    """Points (k,) of orbits around which balls are grown.
+    """Points (k,) of orbits around which capture regions are grown.
 
-    Cell, number of the orbit in it, impacts on Σ⁺ and on Σ⁻ in a period; state; norm; and the radius, the largest at
-    first and 0 where there is none.
+    Attributes
+    ----------
+    cell, orbit
+        The cell, and the number of the orbit in it.
+    n_plus, n_minus
+        Impacts on Σ⁺ and on Σ⁻ in a period.
+    tau, v
+        State at the point.
+    m00, m01, m11
+        The matrix M of the norm.
+    radius
+        First the largest radius to try, in the end the radius found; 0 where there is none.
     """
 
     cell: Any
@@ -47,17 +60,17 @@ class Centres(NamedTuple):
 
 @kernel
 def contracting_norm(a, b, c, d, q):
-    """M of the norm in which [[a, b], [c, d]] contracts, with Q = diag(1, q): (found, m00, m01, m11)."""
+    """Return (found, m00, m01, m11) of the norm zᵀMz in which [[a, b], [c, d]] contracts, for Q = diag(1, q)."""
     determinant, trace = a * d - b * c, a + d
     inside = 0.25 * trace * trace - determinant
     radius = math.sqrt(abs(determinant)) if inside <= 0.0 else abs(0.5 * trace) + math.sqrt(inside)
     if not radius < 1.0:
         return False, 0.0, 0.0, 0.0
-    r = 2.0 / (1.0 + radius * radius)  # 1/ρ², half way to 1
+    r = 2.0 / (1.0 + radius * radius)  # 1/ρ², with ρ half-way between the spectral radius and 1
     k00, k01, k02 = 1.0 - r * a * a, -2.0 * r * a * c, -r * c * c
     k10, k11, k12 = -r * a * b, 1.0 - r * (a * d + b * c), -r * c * d
     k20, k21, k22 = -r * b * b, -2.0 * r * b * d, 1.0 - r * d * d
-    # Cramer's rule with right-hand side (1, 0, q)
+    # Cramer's rule for M with the right-hand side (1, 0, q)
     whole = k00 * (k11 * k22 - k12 * k21) - k01 * (k10 * k22 - k12 * k20) + k02 * (k10 * k21 - k11 * k20)
     m00 = (k11 * k22 - k12 * k21) + q * (k01 * k12 - k02 * k11)
     m01 = -(k10 * k22 - k12 * k20) - q * (k00 * k12 - k02 * k10)
@@ -79,15 +92,15 @@ def shrinks(a, b, c, d, m00, m01, m11):
 
 @inline
 def placed(centres, i, direction, radius):
-    """Return the state in this direction from centre i.
+    """Return the state in a given direction from centre i, on the ellipse zᵀMz = size².
 
-    On the ellipse zᵀMz = size², by the Cholesky factor of M, where size is the radius or, in every other direction,
-    half of it.
+    The size is the radius, or half the radius in every other direction. The state follows from the Cholesky factor of
+    M.
 
     Returns
     -------
-    result
-        Phase and speed of the state.
+    tuple[float, float]
+        Phase and speed.
     """
     m00, m01, m11 = centres.m00[i], centres.m01[i], centres.m11[i]
     size = radius if direction % 2 == 0 else 0.5 * radius
@@ -99,14 +112,12 @@ def placed(centres, i, direction, radius):
 
 @kernel
 def contracts(tau, v, i, centres, point):
-    """Return whether Π^k at this state has the Σ⁻ impacts of the orbit of centre i, and a contracting tangent.
-
-    The tangent contracts in the norm of that orbit.
+    """Return whether Π^k at this state makes the Σ⁻ impacts of the orbit of centre i, with a contracting tangent.
 
     Returns
     -------
     bool
-        False where v ≤ 0, where Π^k is not defined, or where either condition fails.
+        False also where v ≤ 0 or Π^k is not defined.
     """
     if not v > 0.0:
         return False
@@ -117,7 +128,7 @@ def contracts(tau, v, i, centres, point):
 
 @kernel
 def enlarge_one_by_one(centres, cells):
-    """Find the radii, one flight at a time: of models whose flights have no lanes."""
+    """Find the radii of capture regions one flight at a time, for gears whose flights have no vector lanes."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0
@@ -130,19 +141,19 @@ def enlarge_one_by_one(centres, cells):
 
 @inline
 def halved(radius):
-    """Return the next radius to try, 0 if there is none."""
+    """Return half the radius, or 0 below the smallest radius to try."""
     return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
 
 
 @inline
 def impacts_between_centres(n_plus):
-    """Impacts from one centre of an orbit to the next."""
+    """Return the number of impacts from one centre of an orbit to the next."""
     return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
 
 
 @kernel
 def fill_centres(grown, orbits, cells, whole, real):
-    """Fill the columns of `centres_of`."""
+    """Fill the columns of `centres_of` in a compiled loop."""
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
@@ -162,19 +173,19 @@ def fill_centres(grown, orbits, cells, whole, real):
                     real[2, n], real[3, n], real[4, n] = m00, m01, m11
                     real[5, n] = LARGEST if found else 0.0
                     n += 1
-                if i // every * every + every < n_plus:  # else it was the last
+                if i // every * every + every < n_plus:  # otherwise this was the last centre of the orbit
                     _status, tau, v, _time, _below = step(tau, v, point)
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
-    """Return the `Centres` of the orbits of every cell from number grown[cell] on.
+    """Return the centres of the orbits of every cell, beginning with orbit number grown[cell].
 
-    Orbits with contact have none: the state after their contact tells which samples they attract.
+    Orbits with contact phases have no centres: all samples that enter the same contact leave it in the same state.
 
     Returns
     -------
     Centres
-        With the largest radius of each ball, 0 where Π^k does not contract.
+        With the largest radius to try, or 0 where Π^k does not contract.
     """
     number = np.arange(orbits.n_plus.shape[1])
     new = (number >= grown[:, None]) & (number < orbits.n[:, None])
@@ -188,7 +199,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
 
 @kernel
 def enter_balls(centres, balls):
-    """Enter the balls of these centres into those that their cells know, which have room for them."""
+    """Add the capture regions of these centres to those of their cells, whose tables must have room."""
     for i in range(centres.radius.size):
         radius = centres.radius[i]
         if radius > 0.0:

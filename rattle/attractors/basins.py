@@ -1,10 +1,10 @@
-"""Basins of attraction on a grid of the (τ, v) plane: by cell mapping, by every cell's own trajectory, or by both.
+"""Basins of attraction on a grid of the (τ, v) plane: by cell mapping, by following every cell, or by both.
 
-Whatever the method, attractors are told apart by the classifier of `rattle.attractors.table` alone. Cell mapping
-replaces the map of states by a map of cells, Π^k of each centre, and finds its periodic groups in one pass; then one
-member of each group is followed exactly, together with the sample of `Gear.attractors`. So a group that only the grid
-has made gets the label of the attractor that it is in fact on the way to. Refinement follows more cells exactly, and
-what these tell spreads over the grid in two ways: to neighbours, and to all cells that the map of cells sends there.
+With every method the classifier of `rattle.attractors.table` alone distinguishes attractors. Cell mapping replaces the
+map of states by a map of cells (the image of each centre under Π^k) and finds its periodic groups in one pass. One
+member of each group is then followed exactly, together with the sample of `Gear.attractors`. A group that is only an
+artefact of the grid therefore gets the label of the true attractor. Refinement follows more cells exactly. Their labels
+spread to neighbouring cells, and to all cells that the map of cells sends there.
 """
 
 from dataclasses import dataclass
@@ -29,24 +29,25 @@ Array = NDArray[np.float64]
 Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
-FINEST = 4096  # cells a side: 16 million trajectories, some gigabytes
-SAMPLE = 256  # initial conditions that look for the attractors besides the cells
-LATTICE = 8  # refined: every so many cells along τ and v one is followed whatever the map of cells says
-RETURNS = 8  # steps of the cell map that a state above v_max may take to come back before it is followed exactly
+FINEST = 4096  # cells along each axis: 16 million trajectories, some gigabytes of memory
+SAMPLE = 256  # initial conditions, besides the cells, that search for attractors
+LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
+RETURNS = 8  # steps of the cell map in which a state above v_max may return to the box before it is followed exactly
 MOST_IMPACTS = 1000
-MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13  # at weak damping: impacts of all states together, and of one
+# at weak damping: most impacts of all states together, and least budget of one state
+MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
 def budget_of(delta: float, states: int) -> int:
-    """Return the largest number of impacts of each state: a survey's, and fewer if many states are weakly damped."""
+    """Return the largest number of impacts of each state: a survey's budget, or less for many weakly damped states."""
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
 @dataclass(frozen=True)
 class StatePlane:
-    """The states (τ, v) on Σ⁺ of a gear at one parameter point; arrays (k,).
+    """The plane of states (τ, v) on Σ⁺ of a gear at one parameter point.
 
-    classifier: the gear's. parameters: arrays (1,).
+    `classifier` is the gear's classifier; `parameters` holds arrays (1,). States are arrays (k,).
     """
 
     classifier: type[Classifier]
@@ -64,23 +65,22 @@ class StatePlane:
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
-        """Return the states as samples of one cell, each followed to its end."""
+        """Follow the states to their attractors as the samples of one cell, and return their classifier."""
         budget = budget_of(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the states after `returns` returns, and whether they became quiet on the way."""
+        """Return the states after a number of returns to Σ⁺, and flags of states that became quiet before."""
         return self.classifier.iterated(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
-        """Return the cell of every state.
-
-        Row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside.
+        """Return the number of the cell that holds each state.
 
         Returns
         -------
         NDArray[np.int64]
-            Number of each state's cell.
+            Row-major number (v, τ) among the n × n cells of the box; n² if the state is certain to become quiet; −1
+            outside the box.
         """
         cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
         point = self.parameters.point()
@@ -97,10 +97,19 @@ class StatePlane:
 class Basins(Tabular):
     """Basins of attraction on n × n cells of a box of (τ, v).
 
-    tau, v (n,): centres of the cells (phase in forcing periods, dimensionless speed). labels (n, n), row by row of v:
-    index into attractors, which are sorted by falling fraction of the cells. steps (n, n): impacts on Σ⁺ until the
-    trajectory was certain to converge, in whole steps of the cell map where one was used; −1 if chaotic or undecided.
-    box: the ranges of τ and v, [0, 1) × (0, v_max) unless others were asked for.
+    Attributes
+    ----------
+    tau, v : ndarray, (n,)
+        Centres of the cells: phase in forcing periods, and dimensionless speed.
+    labels : ndarray of int, (n, n)
+        Index into `attractors` of each cell; rows are speeds.
+    attractors : tuple of Attractor
+        By falling fraction of the cells.
+    steps : ndarray of int, (n, n)
+        Impacts on Σ⁺ until convergence was certain, in whole steps of the cell map where one was used; −1 if chaotic or
+        undecided.
+    box : tuple
+        Ranges of τ and v, by default [0, 1) × (0, v_max).
     """
 
     tau: NDArray[np.float64]
@@ -113,7 +122,7 @@ class Basins(Tabular):
 
     @property
     def v_max(self) -> float:
-        """The end of the box."""
+        """Upper end of the box in speed."""
         return self.box.v_high
 
     def _caption(self) -> str:
@@ -124,7 +133,7 @@ class Basins(Tabular):
         return attractor_columns(self.attractors)
 
     def to_xarray(self) -> Dataset:
-        """Return labels and steps over (v, tau). Raises MissingExtraError without xarray."""
+        """Return labels and steps as a Dataset over (v, tau). Raises MissingExtraError without xarray."""
         names = [each.name for each in self.attractors]
         coded = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names), "long_name": "attractor"}
         return dataset_of(
@@ -135,27 +144,27 @@ class Basins(Tabular):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
+    """Return the table of attractors that states (n,) go to, the row of each state, and its impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
     return table, rows, classifier.samples.impacts
 
 
 def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the steps to convergence, −1 where none is seen."""
+    """Return the steps to convergence, with −1 for states that converge to no attractor."""
     kind = table.kind[rows]
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
 def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
-    """Return the cells (n_v, n_tau) of which one of the eight neighbours has another label.
+    """Return the cells (n_v, n_tau) that have a neighbour with another label, among the eight around them.
 
-    The last phase is a neighbour of the first if all phases are there; speeds have ends.
+    If the grid covers all phases, the last phase is a neighbour of the first. Speeds are not periodic.
 
     Returns
     -------
     NDArray[np.bool_]
-        (n_v, n_tau), True where labels differ.
+        (n_v, n_tau), True at a basin boundary.
     """
     wide = np.pad(labels, ((0, 0), (1, 1)), mode="wrap" if all_phases else "edge")
     wide = np.pad(wide, ((1, 1), (0, 0)), mode="edge")
@@ -168,14 +177,15 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
 
 
 def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
-    """Return the map of cells (n² + 1,), the last the sink of quiet capture.
+    """Return the map of cells (n² + 1,). Its last cell is the sink of states that become quiet.
 
-    A cell whose motion does not return to the box maps to itself: a group of its own, which is then followed exactly.
+    A cell whose trajectory does not return to the box maps to itself. It is then a group of its own and followed
+    exactly.
 
     Returns
     -------
     NDArray[np.int64]
-        Number of the cell that the centre of each cell goes to.
+        Number of the cell to which the centre of each cell is mapped.
     """
     sink = tau.size
     t, speed, rests = plane.iterated(tau, v, impacts)
@@ -191,12 +201,12 @@ def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: 
 
 
 class States:
-    """States of one parameter point that are followed in several calls, with one table of their attractors."""
+    """States of one parameter point, classified in several calls with one common table of attractors."""
 
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
         self.table = AttractorTable.empty()
-        #: A state that goes to each of the attractors: followed again, it tells which one that is in a new call.
+        #: One state for each attractor. It is followed again in every call, to match the attractors of the new table.
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -212,7 +222,7 @@ class States:
         return row_of[rows[known:]], impacts[known:]
 
     def _known(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Row here of each row of another table, −1 if it is new; reached: rows there of the states kept here."""
+        """Return the row here of each row of another table, −1 if new; `reached` are rows there of the kept states."""
         here, there = self.table, table.take((slice(None), None))
         near = SAME_POINT * self.plane.unit
         same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
@@ -229,28 +239,29 @@ class States:
 def _by_cells(
     plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return `classified` for the centres of all cells, by simple cell mapping.
+    """Return `classified` of the centres of all cells, by simple cell mapping.
 
-    If refine, a lattice of cells by their own trajectories, and every cell with another label among its neighbours,
-    until there is none left.
+    With `refine`, a lattice of cells and then every cell at a basin boundary are followed exactly, until no label
+    changes.
 
     Returns
     -------
     tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]
         The attractors, the row of each cell, and its steps to convergence.
     """
-    impacts = round(impacts * max(1.0, WEAK / plane.delta))  # a step moves states nearer to attractors than a cell is
+    # at weak damping a step of the cell map needs more impacts to move a state by more than a cell
+    impacts = round(impacts * max(1.0, WEAK / plane.delta))
     image = _images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    chosen = np.concatenate([members[:-1], on_sink])  # the sink's group is the last, and may be empty
+    chosen = np.concatenate([members[:-1], on_sink])  # the last group is the sink's, which may have no members
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
     first, second = plane.sample(SAMPLE, box.v_high)
     states = States(plane)
     found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
-    # what is known of a cell that has been followed, and of the sink: its row, and impacts until it is certain
+    # row and impacts of each cell that was followed exactly, and of the sink
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
     row[chosen], needed[chosen], known[chosen] = found[SAMPLE:], made[SAMPLE:], True
     row[sink] = row[on_sink[0]] if on_sink.size else 0

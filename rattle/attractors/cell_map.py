@@ -1,6 +1,6 @@
-"""Map cells to cells: the motion of a grid of states under the impact map, and where each cell ends (compiled).
+"""Simple cell mapping: the map of cells that the impact map induces, and its periodic groups (compiled).
 
-Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11: simple cell mapping.
+Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ UNSEEN, ON_THE_WAY = -1, -2
 
 
 class Box(NamedTuple):
-    """A box of states: from low to below high in phase and in speed."""
+    """A box of states, with its lower and upper ends in phase and in speed."""
 
     tau_low: float
     tau_high: float
@@ -26,9 +26,10 @@ class Box(NamedTuple):
 
 @kernel
 def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
-    """Write to cell the cell of every state.
+    """Write the number of the cell that holds each state to `cell`.
 
-    Row-major (v, τ) of n × n of a box, n² if it is certain to become quiet, −1 if it is outside.
+    The number is row-major (v, τ) among the n × n cells of the box, n² if the state is certain to become quiet, −1
+    outside the box.
     """
     for i in range(tau.size):
         sine, cosine = phase_at(tau[i])
@@ -45,16 +46,16 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
 
 @kernel
 def find_groups(image, group, steps):
-    """Follow every cell of the map to the periodic group that it ends in.
+    """Follow every cell of the map to the periodic group in which it ends.
 
-    The number of the group and the steps to it are written for each cell, 0 steps on the group itself; group must be
-    UNSEEN everywhere before. One pass: a chain of images is followed to a cell that is known, then written from its
-    start. While it is on the way, steps holds the positions of its cells.
+    The function writes the number of the group and the steps to it for each cell; cells of a group have 0 steps.
+    `group` must hold UNSEEN everywhere before. One pass suffices: a chain of images is followed to a known cell, and
+    then written from its first cell on. While a chain is open, `steps` holds the positions of its cells.
 
     Returns
     -------
     int
-        Number of groups; they are numbered 0, 1, … in the order in which they were found.
+        Number of groups. They are numbered in the order in which they are found.
     """
     groups = 0
     for start in range(image.size):
@@ -64,7 +65,7 @@ def find_groups(image, group, steps):
             cell, length = image[cell], length + 1
         if length == 0:
             continue
-        if group[cell] == ON_THE_WAY:  # the chain has met itself: from there on it is a new group
+        if group[cell] == ON_THE_WAY:  # the chain has closed, so its cells from here on are a new group
             number, end = groups, steps[cell]
             groups += 1
         else:

@@ -1,10 +1,11 @@
-"""Lyapunov exponents per forcing period with error bars, from batch sums of a trajectory's tangent.
+"""Lyapunov exponents with error bars, from batch sums of a trajectory's tangent vector (compiled).
 
-Which chaotic trajectories are on one attractor, by the boxes of the (τ, v) plane that they visited (compiled).
+The module also decides which chaotic trajectories lie on one attractor, by comparing the boxes of the (τ, v) plane that
+they visited.
 
-The tangent runs in (t, v²/2), where one flight of duration s has determinant e^(−δs), so that λ₁ + λ₂ = −δ holds at
-finite time and tests every matrix. λ₁ comes from the growth of one vector; after re-orthonormalisation the second
-diagonal entry is the determinant over the first, so λ₂ needs no second vector.
+The tangent vector is kept in (t, v²/2), where a flight of duration s has determinant e^(−δs). There λ₁ + λ₂ = −δ holds
+at finite time, which tests every matrix. λ₁ comes from the growth of one vector. After re-orthonormalisation the second
+diagonal entry is the determinant over the first, so λ₂ needs no second vector. Exponents are per forcing period.
 """
 
 import math
@@ -16,11 +17,11 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
+SAME_FOOTPRINT = 0.2  # two trajectories that share this part of the smaller set of visited cells are on one attractor
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
+LEAKS_MISSED = 3.0  # expected number of lost samples without any loss, which a leaking set has with probability e^(−3)
 LEAST_GROWTH = 8.0
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
@@ -29,7 +30,7 @@ ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
 
 @inline
 def boxes_in(bits):
-    """Return the number of ones, in sums over ever more bits: no branches, which a loop over rows would wait for."""
+    """Return the number of ones in a 64-bit word by sums over growing groups of bits, without branches."""
     bits = bits - ((bits >> ONE) & PAIRS)
     bits = (bits & FOURS) + ((bits >> TWO) & FOURS)
     return np.int64((((bits + (bits >> FOUR)) & EIGHTS) * SUM) >> TOP)
@@ -37,7 +38,7 @@ def boxes_in(bits):
 
 @inline
 def same_attractor(boxes, i, j):
-    """Return whether two footprints share SAME_FOOTPRINT of the smaller one."""
+    """Return whether visited-cell bitmaps i and j share SAME_FOOTPRINT of the smaller one."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
         in_i += boxes_in(boxes[i, k])
@@ -48,12 +49,11 @@ def same_attractor(boxes, i, j):
 
 @kernel
 def group_numbers(boxes, size, group):
-    """Write the number of each visited-cell bitmap's group to group (k,).
+    """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
-    It is the number of the group's first member among the bitmaps of its cell, which has `size` of the boxes (k, GRID),
-    worked in.
-
-    Groups that share SAME_FOOTPRINT of the smaller union are joined, until none do; different attractors are disjoint.
+    Bitmaps of one cell whose visited cells share SAME_FOOTPRINT of the smaller set are joined, until no two can be
+    joined. The number of an attractor is the place of its first member among the bitmaps of its cell. The cells have
+    `size` of the bitmaps `boxes` (k, GRID) each; `boxes` is overwritten.
     """
     begin = 0
     for cell in range(size.size):
@@ -79,12 +79,12 @@ def group_numbers(boxes, size, group):
 def exponents(sums):
     """Return the Lyapunov exponents from rows of time, ln stretch and ln|det|.
 
-    The error bar is that of a ratio estimate over batches, which are long against the correlation.
+    The error bar is that of a ratio estimate over batches, which are long compared with the correlation time.
 
     Returns
     -------
-    result
-        (λ₁, λ₂, 95 % half-width of λ₁); NaN if nothing was measured.
+    tuple[float, float, float]
+        λ₁, λ₂ and the 95 % half-width of λ₁; NaN if nothing was measured.
     """
     time, stretch, contraction, used = 0.0, 0.0, 0.0, 0
     for i in range(sums.shape[0]):
@@ -104,15 +104,15 @@ def exponents(sums):
 
 @kernel
 def is_chaotic(sums):
-    """Return whether the first exponent is above its error bar and the growth is not that of shear.
+    """Return whether λ₁ exceeds its error bar and the tangent grows faster than by shear.
 
-    A vector also grows in regular motion, as ln t: by ln 2 over the second half, where chaos must have more than
-    LEAST_GROWTH.
+    In regular motion a vector grows as ln t, by ln 2 over the second half of the batches. Chaos must exceed
+    LEAST_GROWTH there.
 
     Returns
     -------
-    result
-        True if chaotic.
+    bool
+        True if both hold.
     """
     first, _second, error = exponents(sums)
     later = 0.0
@@ -123,13 +123,13 @@ def is_chaotic(sums):
 
 @kernel
 def fill_chaotic(sums, found):
-    """Write to found (k,) whether each of several trajectories is, from sums (k, BATCHES, 3)."""
+    """Write to found (k,) whether each of several trajectories is chaotic, from sums (k, BATCHES, 3)."""
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
 
 
 def are_chaotic(sums: Array) -> NDArray[np.bool_]:
-    """Return whether each of several trajectories is, (k,), from sums (k, BATCHES, 3)."""
+    """Return flags (k,) of chaotic trajectories, from sums (k, BATCHES, 3)."""
     found = np.zeros(len(sums), np.bool_)
     fill_chaotic(sums, found)
     return found
@@ -137,7 +137,7 @@ def are_chaotic(sums: Array) -> NDArray[np.bool_]:
 
 @kernel
 def fill_exponents(sums, size, found):
-    """Write to found (3, n) (λ₁, λ₂, 95 % half-width of λ₁) of rows in sets of so many each."""
+    """Write λ₁, λ₂ and the 95 % half-width of λ₁ to found (3, n), for n sets of size[i] consecutive rows."""
     begin = 0
     for i in range(size.size):
         found[0, i], found[1, i], found[2, i] = exponents(sums[begin : begin + size[i]])
@@ -145,14 +145,17 @@ def fill_exponents(sums, size, found):
 
 
 def pooled(sums: Sequence[Array]) -> Array:
-    """Return the exponents of several attractors, of each from several trajectories on it.
+    """Return the exponents of n attractors, each from several trajectories on it.
 
-    From sums (trajectories, BATCHES, 3).
+    Parameters
+    ----------
+    sums : sequence of ndarray, (trajectories, BATCHES, 3)
+        Batch sums of time, ln stretch and ln|det| for each attractor.
 
     Returns
     -------
-    Array
-        (λ₁, λ₂, 95 % half-width), (3, n).
+    ndarray, (3, n)
+        λ₁, λ₂ and the 95 % half-width of λ₁, per forcing period.
     """
     rows = np.concatenate([each.reshape(-1, 3) for each in sums])
     found = np.zeros((3, len(sums)))
@@ -162,7 +165,7 @@ def pooled(sums: Sequence[Array]) -> Array:
 
 @kernel
 def fill_standing(cells, status, impacts, first, left, leaks):
-    """Fill what `standing` returns; left is zero before."""
+    """Fill the results of `standing` in a compiled loop; `left` must be zero before."""
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):
@@ -179,17 +182,25 @@ def fill_standing(cells, status, impacts, first, left, leaks):
 
 
 def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
-    """Return the number of unresolved samples in each of these cells (k,), and whether they may still settle.
+    """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
 
-    Derived from status and impacts (n_cells, count): others settled later than to begin with, within the first impacts
-    (n_cells,), and the unresolved samples have not outlasted them by enough since.
+    They may if other samples settled after the first stage, whose impacts are `first` (n_cells,), and the unresolved
+    ones have not been followed for long enough since. If they were on the same leaking set, LEAKS_MISSED more would
+    have left it by now, at the rate until the last one did.
 
-    Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
+    Parameters
+    ----------
+    cells : ndarray of int, (k,)
+        Numbers of the cells.
+    status, impacts : ndarray of int, (n_cells, count)
+        Outcome and impacts of each sample.
+    first : ndarray of int, (n_cells,)
+        Impacts of the first stage.
 
     Returns
     -------
-    tuple[Counts, NDArray[np.bool_]]
-        Numbers (k,) of unresolved samples, and flags (k,).
+    tuple of ndarray, (k,)
+        Numbers of unresolved samples, and flags of cells where more may settle.
     """
     left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
     fill_standing(cells, status, impacts, first, left, leaks)

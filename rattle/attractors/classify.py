@@ -1,10 +1,12 @@
 """Classify the samples of many cells by attractor, with as few impacts as certainty allows.
 
-Every sample is followed until it is captured or has made FIRST impacts. In a cell where some are left, a few of them,
-the witnesses, are measured for longer with a tangent vector: they show what the others do, or that all must be followed
-for longer. What is left is chaotic only if it was watched for WATCH relaxation times 1/δ: phase space contracts by
-e^(−δ) a period, and a transient lasts some multiple of that. docs/decisions/0007-survey-cost.md and 0026-labels.md have
-the reasons and the figures.
+Every sample is followed until it is captured or has made FIRST impacts. In a cell with unresolved samples a few of
+them, the probes, are then followed for longer with a tangent vector. They show whether the unresolved samples are
+chaotic, or whether all must be followed for longer.
+
+Unresolved samples count as chaotic only if their probes were followed for WATCH relaxation times 1/δ: phase space
+contracts by e^(−δ) a period, and transients last a multiple of 1/δ. docs/labels.md has the procedure,
+docs/decisions/0007-survey-cost.md and 0026-labels.md its reasons and figures.
 """
 
 from abc import ABC, abstractmethod
@@ -22,31 +24,40 @@ from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, empty_t
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
-PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
-FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
-GROWTH = 4  # every further stage lasts this many times as long
-STAGES = 4  # where damping is strong; else as many as the budget has room for
-FEW = 8  # where no more than one in so many is left, there is one stage more
-MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods of one witness
-CHATTERING = 0.5  # of its periods: who makes so many impacts in less may be about to rest
-WATCH = 100.0  # relaxation times 1/δ of one witness: below δ = 0.1 more than that, and all stages as much longer
-WEAK, BESIDE = 0.3, 1e-9  # damping below which more states are watched, and how near to samples they are
-CROWDS = (256, 1024)  # how many there are, at first and in the end
-BUDGET = 1_000_000  # impacts of a sample, by default: what is left by then without being told is undecided
-MOST_MEASURED = 20_000  # impacts of a witness that never gets through its periods
-MANY = 64  # samples of a cell: where there are fewer, states beside them are watched too, to be as sure of chaos
-CROWD_OF_FEW = 256  # of these states and samples where all may come to rest: MANY samples show losses that few do not
-WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
-TRACED = 1000  # impacts of a footprint without gaps
-LONGER = 4  # witnesses that seem to be on different attractors are watched this many times as long
-EXTENSIONS = 3  # an unclear exponent is measured again over twice the impacts, this many times
-ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
+PILOT = 8  # samples per cell that are followed first; the others use the orbits that these find
+FIRST, SECOND = 64, 512  # impacts of every sample before its cell is judged, and before it is judged again
+GROWTH = 4  # each further stage lasts this many times as long as the previous one
+STAGES = 4  # number of stages at strong damping; weak damping has as many as the budget allows
+FEW = 8  # a cell where at most one sample in this many is unresolved gets one more stage
+MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods for which a probe is followed
+CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of its periods may be chattering
+# least relaxation times 1/δ for which a probe is followed; where this exceeds PERIODS, all stages are longer
+WATCH = 100.0
+# damping below which the neighbour test uses CROWDS, and relative speed difference of its neighbours
+WEAK, BESIDE = 0.3, 1e-9
+CROWDS = (256, 1024)  # samples and neighbours of the neighbour test, in its first and its second round
+BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
+MOST_MEASURED = 20_000  # most impacts of a probe that does not complete its periods
+MANY = 64  # a cell with fewer samples follows neighbours of them too, so that its verdict of chaos is as reliable
+CROWD_OF_FEW = 256  # samples and neighbours of such a cell if it has a quiet motion, where slow losses are frequent
+WITNESSES = 12  # probes per cell: if a chaotic set loses one in 3000 periods, 98 % of the cells show it
+TRACED = 1000  # impacts over which every visited cell is recorded
+LONGER = 4  # probes that seem to lie on different attractors are followed this many times as long
+EXTENSIONS = 3  # most repetitions of an unclear exponent, each over twice the impacts
+ROOM = 8  # initial room for orbits in each cell, doubled when a cell needs more
 
 
 class Chaos(NamedTuple):
     """A chaotic attractor of one cell.
 
-    The samples that are on it, the batch sums of those measured, and the forcing periods for which these were watched.
+    Attributes
+    ----------
+    samples : ndarray of int
+        Numbers of the samples on it.
+    sums : ndarray, (k, BATCHES, 3)
+        Batch sums of the measured samples.
+    watched : float
+        Forcing periods for which the measured samples were followed.
     """
 
     samples: NDArray[np.int64]
@@ -62,38 +73,44 @@ class Seen(NamedTuple):
 
 
 class Classifier(ABC):
-    """The samples of a block of cells on their way, and what is known of the cells; a gear says how they go on."""
+    """Classify the samples of a block of cells.
 
-    model: ClassVar[str]  # its name, which says what kernels it needs
-    #: Cells with these parameters, all (n,), as kernels take them.
+    The class holds the samples, the known orbits and the chaotic attractors of the cells. Subclasses say how the states
+    of a gear are followed.
+    """
+
+    model: ClassVar[str]  # the gear's name, which selects its kernels
+    #: Convert parameters (n,) to the record of cells that kernels take.
     cells_of: ClassVar[Callable[..., Any]]
-    #: The largest v³/g that is certain to become quiet at the first of these points, 0 if speeds do not tell.
+    #: Return the largest v³/g that is certain to become quiet at the first point, 0 if a speed does not decide it.
     quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Take cells as the kernels do, initial conditions of shape (n_cells, count), and the most impacts of one."""
+        """Take cells in the form of the kernels, initial conditions (n_cells, count), and the budget of each sample."""
         n_cells, self.count = tau.shape
         self.cells, self.budget = cells, budget
-        with np.errstate(over="ignore"):  # of a subnormal δ
-            self.longer = np.maximum(1.0, WATCH / (PERIODS * self.damping(cells)))  # than where damping is strong
+        with np.errstate(over="ignore"):  # 1/δ of a subnormal δ is infinite
+            # factor by which all stages are longer than at strong damping
+            self.longer = np.maximum(1.0, WATCH / (PERIODS * self.damping(cells)))
         self.weak = self.damping(cells) < WEAK
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = begun(cell, tau.ravel(), v.ravel(), self.most(FIRST, cell))
         self.orbits, self.balls = empty_tables(n_cells, ROOM, BALLS_PER_ORBIT)
-        self.grown = np.zeros(n_cells, np.int64)  # orbits whose balls are known
+        self.grown = np.zeros(n_cells, np.int64)  # number of orbits with capture regions
         self.chaos: dict[int, list[Chaos]] = {}
         self.stage = np.zeros(n_cells, np.int64)
-        self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
+        # cells whose probes decided nothing, where measuring again would not help
+        self.unclear = np.zeros(n_cells, np.bool_)
         self.enter_known_orbits()
 
     @staticmethod
     def damping(cells: Any) -> NDArray[np.float64]:
-        """Return the rate (n_cells,) per forcing period at which areas of states shrink at least."""
+        """Return the least contraction rate (n_cells,) of areas of states, per forcing period."""
         return np.asarray(cells.delta)
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> Any:
-        """Return the same where only periodic orbits are followed."""
+        """Return the record of cells for kernels that follow periodic orbits only."""
         return cls.cells_of(parameters)
 
     @staticmethod
@@ -101,9 +118,9 @@ class Classifier(ABC):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the states (k,) after `returns` returns, at one point or k of them, and whether they became quiet.
+        """Return the states (k,) after a number of returns, at one parameter point or k, and flags of quiet states.
 
-        One that goes on bouncing is located there.
+        A quiet state is returned where it became certain, although its bounces go on.
         """
 
     @classmethod
@@ -114,7 +131,7 @@ class Classifier(ABC):
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
-        """Return the samples (τ, v) (n, count) of cells with parameters (n,), followed to their end or budget."""
+        """Follow the samples (τ, v) (n, count) of cells with parameters (n,) to their attractors or their budget."""
         compile_apart("rattle.precompile", "survey", cls.model)
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
@@ -127,27 +144,27 @@ class Classifier(ABC):
 
     @abstractmethod
     def enter_known_orbits(self) -> None:
-        """Enter into the tables what is known of the cells beforehand."""
+        """Add the orbits that closed forms give to the tables of the cells."""
 
     @abstractmethod
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these balls of capture, in place."""
+        """Find the radii of these capture regions, in place."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples to their ends or limits, in place; early: most of them are soon captured."""
+        """Follow these samples to their ends or limits, in place. With `early`, most of them are soon captured."""
 
     @abstractmethod
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these (k,) of the survey's samples with a tangent vector, in place.
+        """Follow these samples (k,) with a tangent vector, in place.
 
-        Each is followed for at least `least` impacts and `periods` forcing periods (k,).
+        Each is followed for at least `least` impacts and `periods` forcing periods, both (k,).
         """
 
     def run(self) -> None:
-        """Follow every sample to its end."""
+        """Follow every sample to its attractor or its budget."""
         index = np.arange(self.samples.cell.size).reshape(-1, self.count)
         pilot = np.zeros(self.count, np.bool_)
         pilot[np.arange(min(PILOT, self.count)) * self.count // min(PILOT, self.count)] = True
@@ -171,27 +188,27 @@ class Classifier(ABC):
     def settled(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Return the status (k,) of other states of these cells after at most `most` impacts; all arrays (k,).
+        """Return the outcomes (k,) of other states of these cells after at most `most` impacts; all arrays are (k,).
 
-        One that reaches no attractor by then is UNRESOLVED, and judged no further. Orbits that they find are known to
-        the cells from then on.
+        A state that reaches no attractor by then remains UNRESOLVED. Orbits that the states find are added to the
+        cells.
 
         Returns
         -------
         NDArray[np.int64]
-            Status of each state.
+            `Outcome` of each state.
         """
         others = begun(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
         return np.asarray(others.status)
 
     def most(self, impacts: Any, cell: NDArray[np.int64]) -> NDArray[np.int64]:
-        """So many impacts where damping is strong, as many more as these cells' relaxation takes, within the budget."""
+        """Return the limit of impacts of these cells, larger at weak damping (slow relaxation), within the budget."""
         return np.minimum(impacts * self.longer[cell], self.budget).astype(np.int64)
 
     @property
     def status(self) -> NDArray[np.int64]:
-        """Status of the samples, (n_cells, count)."""
+        """`Outcome` of the samples, (n_cells, count)."""
         return np.asarray(self.samples.status.reshape(-1, self.count))
 
     @property
@@ -200,13 +217,13 @@ class Classifier(ABC):
         return np.asarray(self.samples.impacts.reshape(-1, self.count))
 
     def left_in(self, cells: NDArray[np.int64]) -> Sets:
-        """Return the samples of these cells that have not ended."""
+        """Return the unresolved samples of these cells."""
         left = self.status[cells] == Outcome.UNRESOLVED
         row, column = np.nonzero(left)
         return Sets(cells[row] * self.count + column, left.sum(axis=1))
 
     def settle(self, which: NDArray[np.int64], samples: Trajectories, early: bool = False) -> None:
-        """Follow these samples to their limits; those that recur find an orbit of their cell, or go on."""
+        """Follow samples to their limits. A recurrent sample finds an orbit of its cell, or is followed further."""
         while which.size:
             self.advance(which, samples, early)
             which = which[samples.status[which] == Outcome.RECURRENT]
@@ -216,7 +233,7 @@ class Classifier(ABC):
             ]
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
-        """Find the orbits of recurrent samples and their balls, with more room for them where a cell needs it."""
+        """Find the orbits of recurrent samples and their capture regions, and enlarge the tables if a cell needs it."""
         while which.size:
             which = resolve(which, self.cells, samples, self.orbits, self.balls, self.grown)
             self.grow_balls()
@@ -225,7 +242,7 @@ class Classifier(ABC):
                 self.make_room(2 * room)
 
     def grow_balls(self) -> None:
-        """Grow balls of capture around points of the orbits that have none yet."""
+        """Grow capture regions around the points of orbits that have none yet."""
         if (self.orbits.n == self.grown).all():
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
@@ -234,12 +251,12 @@ class Classifier(ABC):
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
-        """Have room for so many orbits in each cell, as often doubled as it takes."""
+        """Double the room for orbits in each cell until it is at least `most`."""
         while self.orbits.m.shape[1] < most:
             self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
 
     def extend(self, cells: NDArray[np.int64]) -> None:
-        """Follow what is left in these cells for longer."""
+        """Follow the unresolved samples of these cells through the next stage."""
         self.stage[cells] += 1
         which = self.left_in(cells).which
         cell = self.samples.cell[which]
@@ -247,7 +264,7 @@ class Classifier(ABC):
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Measure witnesses in these cells; decided are those where all of them are chaotic and none has ended."""
+        """Measure probes in these cells. A cell is decided if all its probes are chaotic and none settled."""
         if not cells.size:
             return np.zeros(0, np.bool_)
         chosen = self.left_in(cells).evenly(WITNESSES)
@@ -264,25 +281,24 @@ class Classifier(ABC):
         return decided
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return the cells (k,) in which sets that lose samples slowly are frequent, so that witnesses miss it."""
+        """Return flags (k,) of cells where sets that lose samples slowly are frequent, so that probes miss the loss."""
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return the cells (k,) whose unresolved samples are not judged while others still settle."""
+        """Return flags (k,) of cells whose unresolved samples are not judged while other samples still settle."""
         return np.ones(cells.size, np.bool_)
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return whether nothing leaves what is left in these cells, in as many impacts as the most watched has made.
+        """Return whether all unresolved samples of these cells stay unresolved for as long as the longest probe.
 
-        Of all samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where
-        all may come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from
-        others. Where there are fewer samples than MANY, states near them are watched too: a small count is no reason
-        for chaos.
+        At weak damping, and in cells with a quiet motion, sets that lose samples slowly are frequent, and twelve probes
+        do not reveal the loss. There all unresolved samples are followed. At weak damping, and in cells with fewer
+        samples than MANY, neighbours of them are followed too.
 
         Returns
         -------
         NDArray[np.bool_]
-            True for cells in which nothing leaves.
+            True for cells where no sample and no neighbour reaches an attractor.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -308,9 +324,9 @@ class Classifier(ABC):
         return lasted
 
     def crowd_lasts(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
-        """Return whether neighbours of the unresolved samples of these cells stay unresolved too.
+        """Return whether neighbours of the unresolved samples of these cells stay unresolved too (neighbour test).
 
-        Each is followed for as many impacts as any sample: in chaos they soon have nothing in common.
+        Each neighbour is followed for as many impacts as any sample. In chaos neighbours soon become independent.
 
         Returns
         -------
@@ -321,23 +337,24 @@ class Classifier(ABC):
             return np.zeros(0, np.bool_)
         left, each = self.left_in(cells), np.arange(first, last)
         others = self.states_beside(left, each, left.largest(self.samples.impacts))
-        fresh = (each >= left.size[:, None]).ravel()  # the others are the samples themselves
+        fresh = (each >= left.size[:, None]).ravel()  # lower numbers are the samples themselves
         gone, others = np.zeros(fresh.size, np.bool_), others.take(fresh)
         self.settle(np.arange(others.cell.size), others)
-        strong = ~self.weak[others.cell]  # elsewhere the larger crowd makes up for it
+        strong = ~self.weak[others.cell]  # at weak damping the larger number of neighbours makes up for it
         chattering = self.may_rest(others.cell, others.time, PERIODS * self.longer[others.cell])
         gone[fresh] = (others.status != Outcome.UNRESOLVED) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def states_beside(self, left: Sets, number: NDArray[np.int64], most: NDArray[np.int64]) -> Trajectories:
-        """Return states at what is left of each cell in turn, and from the second turn on beside it.
+        """Return the unresolved samples of each cell in turn, then neighbours of them with slightly larger speeds.
 
         Parameters
         ----------
         left : Sets
             The unresolved samples of n cells.
         number : ndarray of int, (k,) or (n, k)
-            The number of each state, counted through those turns.
+            Numbers of the states: the first numbers are the samples, higher ones their first neighbours, then their
+            second.
         most : ndarray of int, (n,)
             Impacts that a state of each cell may make.
 
@@ -354,18 +371,16 @@ class Classifier(ABC):
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return whether samples may be chattering: followed for `time`, where `periods` were expected."""
+        """Return whether samples may be chattering: they took only `time` where `periods` were expected."""
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
-        """Observe these samples, for longer if unclear.
-
-        Return the observations, and whether each is unresolved and chaotic.
+        """Follow these samples with a tangent vector, and for longer where the exponent is unclear.
 
         Returns
         -------
         tuple[Seen, NDArray[np.bool_]]
-            The observations, and the flags of chaos.
+            The observations, and flags of samples that are unresolved and chaotic.
         """
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
@@ -374,7 +389,8 @@ class Classifier(ABC):
         for extension in range(EXTENSIONS + 1):
             if not todo.size:
                 break
-            todo = todo[np.argsort(pace[which[todo]], kind="stable")]  # the longest first, so that all end together
+            # start the slowest samples first, so that all lanes end together
+            todo = todo[np.argsort(pace[which[todo]], kind="stable")]
             now = which[todo]
             longer = np.maximum(self.longer[samples.cell[now]], times) * 2**extension
             most, room = MOST_MEASURED * longer, self.budget - samples.impacts[now]
@@ -385,20 +401,21 @@ class Classifier(ABC):
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_rest(samples.cell[now], time, PERIODS * longer)
-            stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
+            stopped = chattering | (time < PERIODS * longer) & (room < most)  # stopped by the budget
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
         return seen, chaotic
 
     def declare_chaos(self, cells: NDArray[np.int64], witnesses: Sets, seen: Seen) -> NDArray[np.bool_]:
-        """Declare the unresolved samples of each of these cells to be on the chaotic attractor of its probes.
+        """Declare the unresolved samples of these cells to be on the chaotic attractor of the probes.
 
-        If the probes seem to be on several, they are measured for longer, and at last all unresolved samples.
+        If the probes of a cell seem to lie on several attractors, they are followed for longer, and finally all
+        unresolved samples are.
 
         Returns
         -------
         NDArray[np.bool_]
-            False where this is not so.
+            False for cells where a sample turned out not to be chaotic.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -425,14 +442,12 @@ class Classifier(ABC):
         return declared
 
     def declare_several(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Declare the unresolved samples of each of these cells to be on several chaotic attractors.
-
-        Unless some of them end elsewhere.
+        """Declare the unresolved samples of these cells to be on several chaotic attractors.
 
         Returns
         -------
         NDArray[np.bool_]
-            True for cells of which this is so.
+            False for cells where a sample turned out not to be chaotic.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -450,32 +465,32 @@ class Classifier(ABC):
         return declared
 
     def are_several(self, sets: Sets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Return whether the footprints (k, GRID) of a cell's samples are in several groups, of every cell."""
+        """Return whether the visited-cell bitmaps (k, GRID) of each cell's samples form several groups."""
         number = np.zeros(sets.which.size, np.int64)
         group_numbers(prints.copy(), sets.size, number)
         return ~sets.all_of(number == 0)
 
     def traced(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """Return these visited-cell bitmaps with those of a further stretch of the samples (k,)."""
+        """Add the cells that the samples (k,) visit over TRACED more impacts to these bitmaps, and return them."""
         mark_footprints(which, TRACED, self.cells, self.samples, prints)
         return prints
 
     def watched(self, which: NDArray[np.int64]) -> float:
-        """Return the forcing periods for which all of these samples were followed."""
+        """Return the forcing periods for which all of these samples were followed at least."""
         return float(self.samples.time[which].min())
 
 
 def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the most impacts of a sample to the end of these stages, where damping is strong."""
+    """Return the most impacts of a sample up to the end of each stage, at strong damping."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
 ) -> Trajectories:
-    """Return samples (k,) that have made no impact, with a limit of impacts; the arrays are followed in place."""
+    """Return new trajectories (k,) with these states and limits of impacts. They are followed in place."""
     return Trajectories(
-        cell=np.ascontiguousarray(cell),  # another layout would be another variant of each kernel
+        cell=np.ascontiguousarray(cell),  # another memory layout would compile each kernel again
         tau=tau,
         v=v,
         limit=np.broadcast_to(limit, cell.shape).astype(np.int64),
@@ -485,5 +500,5 @@ def begun(
 
 
 def nothing_seen(count: int) -> Seen:
-    """Room for what is seen of so many samples."""
+    """Return empty observations of `count` samples."""
     return Seen(np.zeros((count, BATCHES, 3)), np.zeros((count, GRID), np.uint64))

@@ -1,4 +1,4 @@
-"""Measures of how basins mix: cells where two results differ, basin entropy, the boundary's uncertainty exponent."""
+"""Measures of how basins intermingle: differing cells, basin entropy, and the uncertainty exponent of the boundary."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-LARGEST_SIZE, SIZES = 2.0**-6, 8  # perturbations, halving
-FEWEST = 5  # uncertain pairs below which a size tells nothing
+LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest perturbation, and number of perturbations, each half the previous one
+FEWEST = 5  # a perturbation with fewer uncertain pairs is not used
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096
 
@@ -20,8 +20,8 @@ LONGEST_BOX = 4096
 class BasinEntropy(NamedTuple):
     """Entropy per box (nats) over all boxes and over those at boundaries, with the numbers of both.
 
-    The second is NaN if there are no boundaries. Both entropies are NaN if a cell is undecided: its basin is not known.
-    Source: Daza et al., Scientific Reports 6 (2016) 31416.
+    The entropy over boundaries is NaN if there are none. Both are NaN if a cell is undecided, because its basin is
+    unknown. Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 
     entropy: float
@@ -31,12 +31,18 @@ class BasinEntropy(NamedTuple):
 
 
 class Uncertainty(NamedTuple):
-    """The exponent α of the share of uncertain pairs f ∝ size^α, with its 95 % half-width.
+    """The exponent α of the fraction of uncertain pairs, f ∝ size^α, with its 95 % half-width.
 
-    NaN where fewer than three sizes have uncertain pairs enough to tell.
+    Both are NaN if fewer than three sizes have enough uncertain pairs.
 
-    sizes (k,): distances between the states of a pair, in units of the whole plane (1 in τ, v_max in v). fractions,
-    low, high (k,): share of uncertain pairs with its 95 % Wilson interval. pairs (k,): pairs with both fates decided.
+    Attributes
+    ----------
+    sizes : ndarray, (k,)
+        Distances between the states of a pair, in units of the whole plane (1 in τ, v_max in v).
+    fractions, low, high : ndarray, (k,)
+        Fraction of uncertain pairs, and its 95 % Wilson interval.
+    pairs : ndarray of int, (k,)
+        Pairs whose fates are both decided.
     """
 
     exponent: float
@@ -49,24 +55,24 @@ class Uncertainty(NamedTuple):
 
 
 def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
-    """Return the cells (n, n) that two results of the same grid give to different attractors.
+    """Return the cells (n, n) that two results on the same grid give to different attractors.
 
-    Attractors of the two are the same if kind and P(m, n₊, n₋) agree; where several could be, they are paired so that
-    fewest cells differ.
+    Attractors are identified by kind and label P(m, n₊, n₋). Where several match, they are paired so that the fewest
+    cells differ.
 
     Returns
     -------
     NDArray[np.bool_]
-        (n, n), speed by phase as in `Basins.labels`.
+        (n, n), with the axes of `Basins.labels`.
 
     Raises
     ------
     ParameterError
-        On different grids.
+        If the grids differ.
     """
     same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
     require(same_grid, f"the grids differ: {a.labels.shape} to v = {a.v[-1]:g}, {b.labels.shape} to v = {b.v[-1]:g}")
-    from scipy.optimize import linear_sum_assignment  # slow to load
+    from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
     shape = (len(a.attractors), len(b.attractors))
     both = np.bincount(a.labels.ravel() * shape[1] + b.labels.ravel(), minlength=shape[0] * shape[1]).reshape(shape)
@@ -79,14 +85,14 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
 
 
 def disagreement(a: Basins, b: Basins) -> float:
-    """Return the share of cells that two results of the same grid give to different attractors; see `differing`."""
+    """Return the fraction of cells that two results on the same grid give to different attractors; see `differing`."""
     return float(differing(a, b).mean())
 
 
 def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
-    """Basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
+    """Return the basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
 
-    What does not fill a box at the upper ends of τ and v is left out.
+    Cells beyond the last whole box, at the upper ends of τ and v, are left out.
 
     Returns
     -------
@@ -117,13 +123,14 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
 def _pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """States τ, v (sizes, 2, pairs), uniform, each with one at the given distance in a random direction."""
+    """Return random states τ, v (sizes, 2, pairs): uniform ones, and partners at given distances from them."""
     random = np.random.default_rng(seed)
     shape = (sizes.size, pairs)
     tau, v = random.random(shape), 1.0 - random.random(shape)
     angle = 2 * np.pi * random.random(shape)
     step_tau, step_v = sizes[:, None] * np.cos(angle), sizes[:, None] * np.sin(angle)
-    step_v = np.where((v + step_v > 0) & (v + step_v < 1), step_v, -step_v)  # stay inside the plane
+    # turn back a step that would leave the plane
+    step_v = np.where((v + step_v > 0) & (v + step_v < 1), step_v, -step_v)
     other_tau = (tau + step_tau) % 1.0
     other_tau = np.where(other_tau < 1.0, other_tau, 0.0)
     return np.stack([tau, other_tau], axis=1), v_max * np.stack([v, v + step_v], axis=1)
@@ -132,9 +139,9 @@ def _pairs(
 def power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
-    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms.
+    """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by weighted least squares of logarithms.
 
-    Weights are binomial; where the points scatter by more than counting explains, the half-width grows by that.
+    The weights are binomial. If the points scatter more than counting explains, the half-width grows accordingly.
 
     Returns
     -------
@@ -145,7 +152,8 @@ def power_law(
     if enough.sum() < 3:
         return float("nan"), float("nan")
     x, f = np.log(sizes[enough]), uncertain[enough] / pairs[enough]
-    weight = uncertain[enough] / np.maximum(1.0 - f, 0.5 / pairs[enough])  # 1/variance of ln f
+    # 1 / variance of ln f, with f the fraction of uncertain pairs
+    weight = uncertain[enough] / np.maximum(1.0 - f, 0.5 / pairs[enough])
     middle = np.average(x, weights=weight)
     spread = float((weight * (x - middle) ** 2).sum())
     y = np.log(f)

@@ -1,4 +1,4 @@
-"""Find the attractors of given states, and the other answers about states that both gears share."""
+"""Methods of every gear that start from its states: attractors of a sample or of given states, basins, uncertainty."""
 
 from __future__ import annotations
 
@@ -22,10 +22,16 @@ from rattle.parameters import Parameters
 
 @dataclass(frozen=True)
 class Reached:
-    """The destinations of states.
+    """The attractors that given states go to.
 
-    attractors: by falling share of the states. which: index into them, of the shape of the states. impacts: on Σ⁺ until
-    the end of each was certain, −1 of chaotic and undecided ones.
+    Attributes
+    ----------
+    attractors : tuple of Attractor
+        By falling share of the states.
+    which : ndarray of int
+        Index into `attractors`, in the shape of the states.
+    impacts : ndarray of int
+        Impacts on Σ⁺ until the end of each state was certain; −1 for chaotic and undecided states.
     """
 
     attractors: tuple[Attractor, ...]
@@ -34,13 +40,13 @@ class Reached:
 
 
 def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
-    """Flat phases in [0, 1) and speeds above 0 of states that broadcast, and their shape. Raises ParameterError."""
+    """Return flat phases in [0, 1) and positive speeds of states that broadcast, and their shape."""
     try:
         phases, speeds = np.broadcast_arrays(real_array("tau", tau), real_array("v", v))
     except ParameterError:
         raise
     except ValueError as error:
-        raise ParameterError(f"tau and v must broadcast: {error}") from None
+        raise ParameterError(f"the shapes of tau and v do not broadcast: {error}") from None
     require(phases.size > 0, "there must be a state at least")
     require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: at most {MOST_SAMPLES}")
     require(bool(np.isfinite(phases).all()), "tau must be finite")
@@ -49,7 +55,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
 
 
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
-    """Return what `rattle.Gear.reached` does, for the states of this plane."""
+    """Return the result of `rattle.Gear.reached` for the states of this plane."""
     phases, speeds, shape = states_of(tau, v)
     table, rows, impacts = classified(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
@@ -62,11 +68,11 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
 
 
 class Sampled:
-    """A gear at one parameter point, a frozen dataclass of its parameters δ, ε, β and what it has besides."""
+    """A gear at one parameter point: a frozen dataclass of δ, ε, β and the model's other parameters."""
 
     _classifier: ClassVar[type[Classifier]]
-    _resolution: ClassVar[int]  # of basins, by default
-    _pairs: ClassVar[int]  # for the uncertainty exponent, by default
+    _resolution: ClassVar[int]  # default resolution of basins
+    _pairs: ClassVar[int]  # default number of pairs for the uncertainty exponent
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
@@ -81,27 +87,43 @@ class Sampled:
     ) -> tuple[Attractor, ...]:
         """Return the attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds.
 
-        They come by falling fraction; then stable orbits that are known to exist and that no sample found, with
-        fraction 0 and the upper bound of its interval.
-
-        Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
-        approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 100 relaxation times 1/δ,
-        and a first exponent above zero by its own error bar. Else undecided, as is what is left when a sample has made
-        budget impacts on Σ⁺: small damping needs some 1000/δ. Deterministic in all arguments. Of the stiff gear quiet
-        is a contact that never ends, labels P(m, n₊, n₋) count contacts, and above a stiffness of 1e8 or so a motion
-        that becomes quiet may be left undecided: it needs some 10,000 returns. Raises ParameterError. What a label
-        means, with its error: docs/decisions/0026-labels.md.
+        Attractors come by falling fraction, followed by stable orbits that exist but that no sample reached, with
+        fraction 0 and the upper bound of its interval. The result is deterministic in all arguments.
 
         Parameters
         ----------
-        v_max : SpeedLimit
-            A number, "natural" for 1.5 √(16πδβ) + 2πε, or None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε
+        count : int
+            Number of initial conditions.
+        v_max : float, "natural" or None
+            Largest sampled speed. "natural" is 1.5 √(16πδβ) + 2πε. None is 7 in the paper's plane (δ from 0.3 to 1.5, ε
             to 0.5, β from 0.2 to 1.2) and natural elsewhere.
+        seed : int
+            Seed of the sample.
+        budget : int
+            Impacts on Σ⁺ after which an unresolved sample is undecided. Small damping needs some 1000/δ.
 
         Returns
         -------
         tuple[Attractor, ...]
-            Each with its fraction of the sample and a 95 % interval of it.
+            Each attractor with its fraction of the sample and the 95 % interval of that fraction.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+
+        Notes
+        -----
+        Kinds of attractors (docs/decisions/0026-labels.md has their errors):
+
+        - quiet: a bounce so small that all later ones are certain to die out;
+        - periodic: a stable fixed point of Π^k that the trajectory approaches, with its exact label;
+        - chaotic: no attractor is reached within 1000 periods and 100 relaxation times 1/δ, and λ₁ exceeds its error
+        bar;
+        - undecided: all other samples.
+
+        For the stiff gear quiet means permanent contact, and labels P(m, n₊, n₋) count contacts. Above a stiffness of
+        about 1e8 a motion that becomes quiet needs some 10,000 returns and may remain undecided.
         """
         table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return attractors_of_cell(table, table.samples)
@@ -115,21 +137,25 @@ class Sampled:
         tau: Range = None,
         v: Range = None,
     ) -> Basins:
-        """Return the basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max).
-
-        As in Figures 4 and 6 of the paper, or of the box of these ranges (low, high) of tau and v. resolution: by
-        default 1000, of the stiff gear 400.
-
-        method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
-        (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
-        until it returns or settles. "refined": cells, then directly every eighth cell along τ and v and wherever basins
-        meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
-        "refined" one of eight cells across (docs/decisions/0009-basins.md).
+        """Return the basins of attraction on a grid of (τ, v), as in Figures 4 and 6 of the paper.
 
         Parameters
         ----------
-        v_max : SpeedLimit
-            A number, "natural" for 1.5 √(16πδβ) + 2πε, or None, which is 7 in the paper's plane and natural elsewhere.
+        resolution : int, optional
+            Cells along each axis; by default 1000, for the stiff gear 400.
+        v_max : float, "natural" or None
+            Largest speed of the grid. "natural" is 1.5 √(16πδβ) + 2πε. None is 7 in the paper's plane and natural
+            elsewhere.
+        method : {"direct", "cells", "refined"}
+            "direct" follows each cell's centre as `attractors` follows its sample. "cells" is simple cell mapping (Hsu
+            1987) of Π^impacts, where a state that is certain to become quiet goes to a sink, and one above v_max is
+            followed until it returns or settles. "refined" adds to "cells" exact trajectories of every eighth cell
+            along τ and v and of cells at basin boundaries, until no label changes. Only "direct" is sure to see a basin
+            thinner than a cell, and "refined" one of eight cells across (docs/decisions/0009-basins.md).
+        impacts : int
+            Impacts of one step of the cell map.
+        tau, v : tuple of float, optional
+            Ranges (low, high) of a smaller box.
 
         Returns
         -------
@@ -145,15 +171,19 @@ class Sampled:
         return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """Return the attractors that states go to, distinguished as those of the sample in `attractors`.
+        """Return the attractors that given states go to, distinguished as those of the sample in `attractors`.
 
-        Tau and v broadcast; `rattle.sampled_states` makes states of a box or a density.
+        Parameters
+        ----------
+        tau, v : array_like
+            Phases and speeds of the states, which broadcast. `rattle.sampled_states` makes states of a box or a
+            density.
 
         Returns
         -------
         Reached
-            `attractors`, by falling share of these states; `which`, the index of each state's attractor, and `impacts`,
-            how many impacts it took until that was certain, both of the broadcast shape.
+            The attractors by falling share of these states; for each state its attractor, and the impacts until that
+            was certain.
 
         Raises
         ------
@@ -163,22 +193,40 @@ class Sampled:
         return reached(self.states, tau, v)
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
-        """Return the uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
+        """Return the uncertainty exponent of the basin boundary in [0, 1) × (0, v_max).
 
-        From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³,
-        by default 8192, of the stiff gear 2048. v_max as in `basins`. Deterministic in all arguments. Raises
-        ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
+        The dimension of the boundary is 2 minus the exponent. It follows from exact trajectories of random pairs of
+        states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³. The result is deterministic in all
+        arguments.
+
+        Parameters
+        ----------
+        pairs : int, optional
+            Pairs at each distance; by default 8192, for the stiff gear 2048.
+        v_max : float, "natural" or None
+            Largest speed, as in `basins`.
+        seed : int
+            Seed of the pairs.
 
         Returns
         -------
         Uncertainty
             The exponent with its error, and the distances that it follows from.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+
+        References
+        ----------
+        Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
         """
         return uncertainty(self.states, self._pairs if pairs is None else pairs, self._speed(v_max), seed)
 
     @property
     def states(self) -> StatePlane:
-        """The plane of its states (τ, v)."""
+        """Plane of the states (τ, v) of this gear."""
         return StatePlane(self._classifier, self.parameters)
 
     @property

@@ -1,4 +1,4 @@
-"""Stable orbits that recurrent trajectories are on: how they are solved for, and found in a cell's list (compiled)."""
+"""Find the stable orbit of a recurrent trajectory by Newton's method, and look it up in a cell's list (compiled)."""
 
 import math
 from typing import Any
@@ -13,11 +13,11 @@ from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 
-APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
-ARRIVED = 1e-9  # ... or be here already
-CANDIDATE = 1e-5  # the first return this close gives the period to try
-LONGEST_PERIOD = 4096  # impacts; longer recurrences are left to go on
-SAME_POINT = 1e-6  # two orbits of one label closer than this are one
+APPROACH = 0.5  # a trajectory must shrink its distance to the orbit of Newton's method by this factor ...
+ARRIVED = 1e-9  # ... or already be this close to the orbit
+CANDIDATE = 1e-5  # the first return this close gives the period for Newton's method
+LONGEST_PERIOD = 4096  # longest period to try, in impacts; samples with longer recurrences are followed further
+SAME_POINT = 1e-6  # orbits of one label closer than this are the same orbit
 
 
 @inline
@@ -28,7 +28,7 @@ def unit_at(point):
 
 @kernel
 def approaches(tau, v, star_tau, star_v, k, most, point):
-    """Return whether the trajectory is seen to approach the orbit."""
+    """Return whether the trajectory is observed to approach the orbit."""
     unit = unit_at(point)
     start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVED:
@@ -48,7 +48,7 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def first_return(tau, v, gap, point):
-    """Impacts to the first return to (τ, v), at most the gap that is known to lead back."""
+    """Return the impacts to the first return to (τ, v). `gap` is a known return, and the largest possible result."""
     t, speed, unit = tau, v, unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -61,13 +61,12 @@ def first_return(tau, v, gap, point):
 
 @kernel
 def stable_orbit(tau, v, gap, most, point):
-    """Return the stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
+    """Return the stable orbit that attracts a trajectory that is at (τ, v) and again there after `gap` impacts.
 
     Returns
     -------
     tuple
-        (found, m, n₊, n₋, τ and v of its fastest point, both ln|multiplier|/m); numbers are 0 or NaN if it is not
-        found.
+        (found, m, n₊, n₋, τ and v of its fastest point, both ln|multiplier|/m); 0 or NaN where none is found.
     """
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
@@ -90,7 +89,7 @@ def stable_orbit(tau, v, gap, most, point):
 def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
     """Return the index of this orbit among those of the cell, −1 if it is new.
 
-    A near tie for the fastest point may be broken either way, so all points are compared.
+    All points of the orbit are compared, because rounding may decide between two almost equally fast points.
 
     Returns
     -------
@@ -111,7 +110,7 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
 
 @inline
 def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
-    """Add an orbit to those that the cell knows, which have room for it; its index."""
+    """Add an orbit to those of the cell, which must have room, and return its index."""
     j = orbits.n[cell]
     orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
     orbits.tau[cell, j], orbits.v[cell, j] = tau, v
@@ -122,7 +121,7 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """Fill the arrays of `mark_footprints` in a compiled loop over its samples."""
+    """Fill the bitmaps of `mark_footprints` in a compiled loop over its samples."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -137,18 +136,19 @@ def fill_footprints(which, impacts, cells, samples, footprints):
 def mark_footprints(
     which: NDArray[np.int64], impacts: int, cells: Any, samples: Trajectories, footprints: NDArray[np.uint64]
 ) -> None:
-    """Enter every impact of a further stretch of these samples into their footprints.
+    """Enter every state of a further stretch of these samples into their visited-cell bitmaps.
 
-    A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.
+    A measured lane is inspected only every few flights. A set whose bands are visited in turn could keep step with that
+    and show only some of its bands.
     """
     fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
 
 
 @kernel
 def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
-    """Enter stable orbits of period one into those that the cells know.
+    """Add stable orbits of period one to those of their cells, which must have room.
 
-    So many (n_cells,) of arrays (n_cells, room), which have room for them.
+    The arrays are (n_cells, room); `n` (n_cells,) is the number of orbits in each row.
     """
     for cell in range(n.size):
         for j in range(n[cell]):
@@ -159,7 +159,7 @@ def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
 
 @kernel
 def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
-    """`resolve`, with room for those that wait; how many there are."""
+    """Do the work of `resolve` in a compiled loop, and return the number of waiting samples."""
     n = 0
     for k in which:
         cell = samples.cell[k]
@@ -179,7 +179,8 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
                 orbit = known(m, n_plus, n_minus, tau, v, cell, orbits, point)
                 if orbit < 0:
                     orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
-            samples.pause[k] = 2 * samples.impacts[k] + 2 * gap  # what only seems to recur is tried a few times
+            # a sample without a stable orbit is tried again only after a pause that grows
+            samples.pause[k] = 2 * samples.impacts[k] + 2 * gap
         samples.status[k] = Outcome.PERIODIC if orbit >= 0 else Outcome.UNRESOLVED
         samples.orbit[k] = orbit
     return n
@@ -188,15 +189,15 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
 def resolve(
     which: NDArray[np.int64], cells: Any, samples: Trajectories, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Find the orbits that recurrent samples go to: PERIODIC, or UNRESOLVED if there is none, to go on with a pause.
+    """Find the orbits of recurrent samples. Those with a stable orbit become PERIODIC, others UNRESOLVED with a pause.
 
-    Some samples must wait: what of a cell comes after an orbit without balls, as those from number grown[cell] on are,
-    or after the cell has no room for one more.
+    A sample must wait if its cell has found an orbit in this call whose capture regions do not exist yet (orbits from
+    number grown[cell] on), or if its cell has no room for another orbit.
 
     Returns
     -------
     NDArray[np.int64]
-        Numbers of the samples that wait, in their order.
+        Numbers of the waiting samples, in their order.
     """
     waiting = np.zeros_like(which)
     tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()

@@ -1,4 +1,4 @@
-"""The rows of a table of attractors: what the samples of a cell that go to the same one have in common (compiled)."""
+"""Rows of a table of attractors: the sums over the samples of a cell that reach the same attractor (compiled)."""
 
 from typing import Any, NamedTuple
 
@@ -13,10 +13,10 @@ Counts = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """Rows (n,), cell by cell, in each by kind and number.
+    """Rows (n,) of a table of attractors, cell by cell, in each cell by kind and number.
 
-    A row has its cell, kind, number among those of its cell and kind, the first of its samples (the last of all, if it
-    has none), how many there are, the impacts of all and the least time of one.
+    A row has its cell, its kind, its number among those of its cell and kind, the number of its first sample (that of
+    the last of all, if it has none), the number of samples, the sum of their impacts and their least time.
     """
 
     cell: Any
@@ -30,7 +30,7 @@ class Rows(NamedTuple):
 
 @inline
 def row_of_outcome(kind, which, orbits):
-    """Return the number of a cell's attractor: quiet motion, then `orbits` orbits, then chaotic sets."""
+    """Return the number of an attractor in its cell: first quiet motion, then the orbits, then chaotic sets."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -38,14 +38,14 @@ def row_of_outcome(kind, which, orbits):
 
 @kernel
 def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
-    """Fill the columns of `rows_of`, which are zero before.
+    """Fill the columns of `rows_of`, which must be zero before.
 
-    A cell has at most `orbits` orbits; room (2, places) is for the attractors met in it.
+    A cell has at most `orbits` orbits. `room` (2, places) is scratch memory for the attractors of one cell.
 
     Returns
     -------
     int
-        How many rows were filled.
+        Number of filled rows.
     """
     at, seen, n = room[0], room[1], 0
     cells, places = known.size, at.size
@@ -87,10 +87,10 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
 
 
 def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
-    """Return the `Rows` of samples, as many in each cell, cell by cell.
+    """Return the rows of all attractors that samples reach; every cell has the same number of samples, cell by cell.
 
-    The samples are given by their kind, the number of their attractor among those of its cell and kind, impacts and
-    time; every cell also has a row for each of its known orbits. `row` is filled with the row of every sample.
+    A sample is given by its kind, the number of its attractor among those of its cell and kind, its impacts and its
+    time. Every cell also has a row for each of its known orbits. `row` receives the row of every sample.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)
-    most = kind.size + int(known.sum())  # a row has a sample, or its orbit is known
+    most = kind.size + int(known.sum())  # upper bound: each row has a sample or a known orbit
     whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
     n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
     return Rows._make([*whole[:, :n], watched[:n]])

@@ -1,4 +1,4 @@
-"""Samples and what ends them, known orbits, balls of capture and footprints (compiled)."""
+"""Samples and their outcomes, known orbits, capture regions, and visited-cell bitmaps (compiled)."""
 
 from __future__ import annotations
 
@@ -14,22 +14,34 @@ from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline
 from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
-GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
-HIGHEST = 14.0  # units of speed in which a footprint ends
-RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
+GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
+HIGHEST = 14.0  # upper end of a visited-cell bitmap, in units of speed
+RECURRENCE = 1e-6  # largest distance of a return that starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
-CONTACT = -1  # pause of a sample that has come to a contact phase
-ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
+CONTACT = -1  # marks, in the field `pause`, a sample that has entered a contact phase
+ALIGNMENT = 64  # impacts after which the tangent vector has turned to the most expanding direction
 
 
 class Outcome(IntEnum):
-    """Outcome of a sample; numba reads the members as constants.
+    """Outcome of a sample.
 
-    UNRESOLVED: it goes on. QUIET: it is certain to stay in contact with Σ⁺. PERIODIC: a stable orbit has captured it.
-    CHAOTIC: it is on a chaotic attractor. UNDECIDED: nothing tells where it goes. RECURRENT: it has come back to where
-    it was, and its orbit is looked for; only on the way. FAILED: it cannot be followed; a table counts it as undecided.
+    UNRESOLVED
+        The sample has not reached an attractor yet.
+    QUIET
+        The sample is certain to stay in contact with Σ⁺.
+    PERIODIC
+        A stable orbit has captured the sample.
+    CHAOTIC
+        The sample is on a chaotic attractor.
+    UNDECIDED
+        The sample reached no attractor within its budget and is not proved chaotic.
+    RECURRENT
+        The sample has returned close to an earlier state, and its orbit is searched. This outcome is temporary.
+    FAILED
+        The sample cannot be followed. Tables count it as undecided.
 
-    Tables and stores hold the numbers from QUIET to UNDECIDED as kinds of attractors; `rattle.KINDS` has them in words.
+    Tables and stores hold the numbers from QUIET to UNDECIDED as kinds of attractors; `rattle.KINDS` has their names.
+    Numba reads the members as constants.
     """
 
     UNRESOLVED = 0
@@ -43,10 +55,10 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Trajectories(StructOfArrays):
-    """Samples on their way (n,): cell, state, impacts so far and at most, outcome, orbit that captured them.
+    """Samples (n,): cell, state, impacts so far, limit of impacts, outcome, and the orbit that captured each.
 
-    After a recurrence: the impacts between, and the impacts before which the next one is not looked for; and the
-    forcing periods so far.
+    After a recurrence `gap` holds the impacts between both visits, and `pause` the impacts before which no new
+    recurrence is searched. `time` holds the forcing periods so far.
     """
 
     cell: Any
@@ -62,51 +74,51 @@ class Trajectories(StructOfArrays):
 
 
 class Sets(NamedTuple):
-    """The samples (k,) of cells (n,), those of a cell on end, and how many each cell has."""
+    """The samples (k,) of several cells (n,), ordered by cell, and the number in each cell."""
 
     which: NDArray[np.int64]
     size: NDArray[np.int64]
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """First sample of each cell, (n,)."""
+        """Index (n,) of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def each(self) -> list[NDArray[np.int64]]:
-        """Return the samples of each cell."""
+        """Return one array of samples for each cell."""
         return np.split(self.which, self.starts[1:]) if self.size.size else []
 
     def only(self, chosen: NDArray[np.bool_]) -> Sets:
-        """Return those of the chosen cells, chosen (n,)."""
+        """Return the samples of the cells chosen by the flags `chosen` (n,)."""
         return Sets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
 
     def evenly(self, most: int) -> Sets:
-        """Return at most so many samples of each cell, evenly among them."""
+        """Return at most `most` samples of each cell, evenly spaced among them."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         first, among, of = (np.repeat(x, size) for x in (self.starts, self.size, size))
         return Sets(self.which[first + number * among // of], size)
 
     def all_of(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return the cells for which it holds for all samples, from samples (k,)."""
+        """Return flags (n,) of the cells where `holds` (k,) is true for all samples."""
         cell = np.repeat(np.arange(self.size.size), self.size)
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
     def largest(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the largest of these values of samples in each cell, none of which is without."""
+        """Return the largest of these values of samples in each cell. Every cell must have a sample."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
     def smallest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest, likewise."""
+        """Return the smallest of these values of samples in each cell. Every cell must have a sample."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Orbits(StructOfArrays):
-    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m.
+    """Stable orbits known in each cell, (n_cells, room), of which n are used: label, fastest point, ln|multipliers|/m.
 
-    contacts: contact phases in a period. merged: by how much n_plus exceeds that of the label, which counts a run of
-    impacts that ends in contact once. Both are 0 where impacts are elastic.
+    `contacts` is the number of contact phases in a period. A label counts a run of impacts that ends in contact once;
+    `merged` is the number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
     """
 
     n: Any
@@ -123,9 +135,9 @@ class Orbits(StructOfArrays):
 
 @dataclass(frozen=True, eq=False)
 class Balls(StructOfArrays):
-    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used.
+    """Capture regions of points of these orbits, (n_cells, room) each, of which n are used.
 
-    Captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
+    A state is captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
     """
 
     n: Any
@@ -143,7 +155,7 @@ BallColumns = kernel_columns("BallColumns", Balls, __name__)
 
 
 def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, Balls]:
-    """Return empty tables of orbits and capture regions, with room for so many orbits of each cell."""
+    """Return empty tables of orbits and of capture regions, with room for `room` orbits in each cell."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = Orbits(
         n=np.zeros(n_cells, np.int64),
@@ -158,7 +170,7 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
 
 
 def with_twice_the_room(table: Known) -> Known:
-    """Return a table (n_cells, room) with twice the room."""
+    """Return a copy of a table (n_cells, room) with twice the room."""
     columns = table.columns()
     wider = {name: np.concatenate([x, np.zeros_like(x)], axis=1) for name, x in columns.items() if name != "n"}
     return table.replace(**wider)
@@ -166,7 +178,7 @@ def with_twice_the_room(table: Known) -> Known:
 
 @inline
 def capturing_orbit(tau, v, cell, balls):
-    """Return the orbit whose ball holds the state, −1 if none."""
+    """Return the orbit whose capture region holds the state, −1 if none does."""
     for p in range(balls.n[cell]):
         x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
@@ -176,20 +188,20 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """Return the largest speed of a footprint: beyond are few, if any."""
+    """Return the upper end of a visited-cell bitmap. Few states are faster, if any."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 
 @inline
 def mark(tau, v, top, footprint):
-    """Enter (τ, v) into the footprint: its rows are phases, its bits speeds up to this one and beyond."""
+    """Set the box of (τ, v) in a visited-cell bitmap. Rows are phases, bits are speeds, the last bit open above."""
     row = min(int(tau * GRID), GRID - 1)
     column = min(int(v / top * GRID), GRID - 1)
     footprint[row] |= np.uint64(1) << np.uint64(column)
 
 
 class Reference(NamedTuple):
-    """A state that a trajectory may come back to (Brent's cycle search), its number, and that of the next one."""
+    """A reference state of Brent's cycle search, its number, and the number at which the reference is moved."""
 
     tau: float
     v: float
@@ -205,7 +217,7 @@ def begun(tau, v):
 
 @inline
 def looked(tau, v, n, k, reference, samples, balls, unit):
-    """Return the outcome of sample k after n returns: (status, orbit, reference)."""
+    """Check sample k after n returns for capture and recurrence, and return (status, orbit, reference)."""
     orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return Outcome.PERIODIC, orbit, reference
@@ -220,7 +232,7 @@ def looked(tau, v, n, k, reference, samples, balls, unit):
 
 @inline
 def finish(tau, v, n, total, k, status, orbit, samples):
-    """Write the end of a stretch of n returns in a total time to sample k."""
+    """Write the end of a stretch of n returns, of total duration `total`, to sample k."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
     samples.impacts[k] += n
     samples.time[k] += total

@@ -1,4 +1,4 @@
-"""Choose the sampled states of each cell (`SampleSpec`), and the speed up to which they lie."""
+"""The sampled states of each cell (`SampleSpec`), and the largest sampled speed."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -16,8 +16,8 @@ from rattle.parameters import Parameters
 NATURAL: Literal["natural"] = "natural"
 SpeedLimit = float | str | None
 
-PAPER_SPEED = 7.0  # of the paper's figures
-#: Where it is the default: δ, ε and β of its plane and about it.
+PAPER_SPEED = 7.0  # largest speed in the paper's figures
+#: Ranges of δ, ε and β around the paper's plane, where `PAPER_SPEED` is the default.
 PLANE = ((0.3, 1.5), (0.0, 0.5), (0.2, 1.2))
 
 WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """The initial conditions of each cell, and for how long they are followed. Raises ParameterError.
+    """The initial conditions of each cell, and the budget of each.
 
     Parameters
     ----------
@@ -46,6 +46,11 @@ class SampleSpec:
         The phases of the box, low and high.
     v_min : float
         The least speed of the box.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
     """
 
     count: int = 256
@@ -74,7 +79,7 @@ class SampleSpec:
 
 
 def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether parameters are in the paper's plane or about it, where its figures' speeds fit all motions."""
+    """Return whether parameters lie in or near the paper's plane, where speeds up to 7 cover all motions."""
     inside = [(low <= x) & (x <= high) for x, (low, high) in zip((delta, epsilon, beta), PLANE, strict=True)]
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
 
@@ -106,7 +111,7 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
 
 
 def read_speed(text: str | None) -> SpeedLimit:
-    """Read a speed limit from text: a number, a word that `sampled_speeds` knows or refuses, None for nothing."""
+    """Read a speed limit from text: a number, or a word for `sampled_speeds` to check. Empty text gives None."""
     text = (text or "").strip()
     try:
         return float(text) if text else None
@@ -115,5 +120,5 @@ def read_speed(text: str | None) -> SpeedLimit:
 
 
 def sampled_speed(v_max: SpeedLimit, delta: float, epsilon: float, beta: float) -> float:
-    """Return the same of one gear."""
+    """Return the largest speed of a sample of one gear; see `sampled_speeds`."""
     return float(sampled_speeds(v_max, *(np.array([x]) for x in (delta, epsilon, beta)))[0])

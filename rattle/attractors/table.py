@@ -1,4 +1,4 @@
-"""The attractors of cells of the parameter plane, with the share of initial conditions that each one wins."""
+"""Tables of the attractors of cells, with the fraction of initial conditions that each attractor wins."""
 
 from __future__ import annotations
 
@@ -25,14 +25,25 @@ KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 
 @dataclass(frozen=True)
 class Attractor:
-    """A motion that attracts a share of the sampled initial conditions.
+    """A motion that attracts a fraction of the sampled initial conditions.
 
-    kind is quiet, periodic, chaotic or undecided (all undecided samples together). m, n_plus, n_minus: the label P(m,
-    n₊, n₋), 0 unless periodic. fraction of the sample, with its 95 % Wilson interval. lyapunov: both exponents per
-    forcing period, natural logarithm (periodic: ln|multiplier|/m; NaN for quiet and undecided). lyapunov_error: 95 %
-    half-width of the first (0 for periodic). tau, v: a point of it on Σ⁺ (periodic: its fastest impact). contacts: the
-    contact phases in m periods of a gear with restitution; n₊ and n₋ then count a run of impacts that ends in contact
-    once, and both exponents are −∞, since contact forgets the state before.
+    Attributes
+    ----------
+    kind : str
+        "quiet", "periodic", "chaotic" or "undecided" (all undecided samples together).
+    m, n_plus, n_minus : int
+        The label P(m, n₊, n₋); 0 unless periodic.
+    fraction, fraction_interval
+        Fraction of the sample, and its 95 % Wilson interval.
+    lyapunov : tuple[float, float]
+        Both exponents per forcing period, in nats: ln|multiplier|/m if periodic; NaN if quiet or undecided.
+    lyapunov_error : float
+        95 % half-width of the first exponent; 0 if periodic.
+    tau, v : float
+        A point of the attractor on Σ⁺; the fastest impact if periodic.
+    contacts : int
+        Contact phases in m periods of a gear with restitution. There n₊ and n₋ count a run of impacts that ends in
+        contact once, and both exponents are −∞ because contact forgets the earlier state.
     """
 
     kind: str
@@ -49,7 +60,7 @@ class Attractor:
 
     @property
     def name(self) -> str:
-        """Name in a word: the label of a periodic motion without blanks, or the kind."""
+        """Short name: the label of a periodic motion without blanks, or the kind."""
         if self.kind != KINDS[Outcome.PERIODIC]:
             return self.kind
         phases = f";{self.contacts}" if self.contacts else ""
@@ -60,7 +71,7 @@ class Attractor:
 
 
 def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
-    """Return the table of attractors, a row each."""
+    """Return the columns of a table that shows one attractor in each row."""
     return {
         "kind": [each.kind for each in attractors],
         "m": [each.m for each in attractors],
@@ -75,7 +86,7 @@ def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
 
 
 class AttractorTuple(tuple[Attractor, ...]):
-    """A tuple of the attractors of one point, which shows itself as a table."""
+    """A tuple of the attractors of one parameter point, displayed as a table."""
 
     __slots__ = ()
 
@@ -101,11 +112,22 @@ class AttractorTuple(tuple[Attractor, ...]):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class AttractorTable(StructOfArrays):
-    """The attractors of many cells, all arrays (n,): cell by cell, in each by falling number of samples.
+    """The attractors of many cells as arrays (n,): cell by cell, in each by falling number of samples.
 
-    kind indexes KINDS. impacts: those on Σ⁺ that its samples made. watched: forcing periods for which a chaotic one, or
-    undecided samples, were followed at least, NaN of others. The other fields are those of `Attractor`. One that is
-    known to exist and that no sample found has samples 0. contacts: by default none.
+    Fields are those of `Attractor`, and:
+
+    Attributes
+    ----------
+    kind : ndarray of int
+        Index into `KINDS`.
+    samples : ndarray of int
+        Samples that reached it; 0 for a known orbit that none reached.
+    impacts : ndarray of int
+        Impacts on Σ⁺ of these samples.
+    watched : ndarray
+        Forcing periods for which a chaotic attractor, or undecided samples, were followed at least; NaN for others.
+    contacts : ndarray of int, optional
+        Contact phases; none by default.
     """
 
     cell: NDArray[np.int64]
@@ -124,7 +146,7 @@ class AttractorTable(StructOfArrays):
     contacts: Any = None
 
     def __post_init__(self) -> None:
-        """Take no contact phases where none are given."""
+        """Replace missing contact phases by zeros."""
         if self.contacts is None:
             object.__setattr__(self, "contacts", np.zeros(self.kind.size, np.int64))
 
@@ -158,12 +180,12 @@ class AttractorTable(StructOfArrays):
         return dataframe_of(self)
 
 
-#: The name under which others know it so far.
+#: An older name of the same class.
 Attractors = AttractorTable
 
 
 def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Kind of every sample, and which orbit or chaotic attractor of its cell it goes to."""
+    """Return the kind of every sample, and the number of its orbit or chaotic attractor in its cell."""
     status = classifier.samples.status
     kind = np.full(status.size, Outcome.UNDECIDED)
     kind[status == Outcome.QUIET], kind[status == Outcome.PERIODIC] = Outcome.QUIET, Outcome.PERIODIC
@@ -180,12 +202,12 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
 def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
     """Return one row for every attractor of every cell, and the row of every sample.
 
-    With `missed`, stable orbits that are known and that no sample went to have rows too.
+    With `missed`, known stable orbits that no sample reached have rows too.
 
     Returns
     -------
     tuple[AttractorTable, NDArray[np.int64]]
-        The table, and indices of its rows, cell by cell in the order of the samples.
+        The table, and the row of each sample, cell by cell.
     """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits
@@ -244,9 +266,9 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
 
 
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """Return the attractors in the rows of one cell's table, with fractions from these numbers of samples (rows,).
+    """Return the attractors of one cell's rows, with fractions computed from the given numbers of samples (rows,).
 
-    The numbers need not be those of the table.
+    The numbers may differ from those of the table.
 
     Returns
     -------

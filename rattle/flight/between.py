@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from rattle.flight.forcing import DRIFT, analytic_change, plus_analytic_acceleration, plus_slope
 from rattle.numerics.compile import inline
 
-SMALL = 0.1  # damping times flight, below which the mean drift's part of a velocity cancels
-LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)  # of x, x², x⁴, x⁶, …
+SMALL = 0.1  # product of damping and flight time below which the mean drift would lose digits by cancellation
+# series of 1 − x/(1 − e^(−x)): coefficients of x, x², x⁴, x⁶, …
+LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)
 
 
 class Flights(NamedTuple):
@@ -32,7 +33,7 @@ W0, W1, PULL, DECAY, W0_T0, W1_T1 = range(len(Flights._fields))
 
 @inline
 def fall(z):
-    """1 − e^(−z) without cancellation, and e^(−z)."""
+    """Return 1 − e^(−z) without cancellation, and e^(−z)."""
     size, half = math.exp(-z.real), math.sin(0.5 * z.imag)
     real, imag = math.cos(z.imag), size * math.sin(z.imag)
     return complex(2.0 * half * half - math.expm1(-z.real) * real, imag), complex(size * real, -imag)
@@ -40,7 +41,7 @@ def fall(z):
 
 @inline
 def lag(x, s, pull):
-    """1 − x/(1 − e^(−x)) for x = δs, to rounding however small: s times δ/(1 − e^(−x)) is near 1 then."""
+    """Return 1 − x/(1 − e^(−x)) for x = δs, accurate to rounding for any x; `pull` is δ/(1 − e^(−x))."""
     if not abs(x.real) < SMALL:
         return 1.0 - s * pull
     y = x * x
@@ -50,14 +51,14 @@ def lag(x, s, pull):
 
 @inline
 def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
-    """Return the flight from time t0 to time t1 over a distance, in the order of `Flights`.
+    """Return the flight from time t0 to time t1 over the distance `gap`, in the order of `Flights`.
 
-    Turn0 and turn1 are sine and cosine of these phases.
+    turn0 and turn1 are (sine, cosine) of the phases at both ends.
 
     Returns
     -------
     tuple
-        The numbers of `Flights`, not finite if the flight takes no time.
+        The fields of `Flights`, not finite if the flight has no duration.
     """
     (sin0, cos0), (sin1, cos1) = turn0, turn1
     s = t1 - t0

@@ -1,15 +1,15 @@
-"""Contact that lasts: a phase of a motion, with an entry and, if the contact force changes sign, a release (compiled).
+"""Lasting contact: where a motion enters a contact phase, and where it is released (compiled).
 
-In contact Φ' = 0 on a wall, and the contact force presses on it. This module alone decides where a motion enters:
+In contact Φ' = 0 on a wall, and the contact force presses on the wall. This module alone decides where a motion enters:
 
-- `is_captured`: the bounces on Σ⁺ are certain to die out there, though they never end. That is quiet motion, the one
-  contact that a motion with elastic impacts enters; it has no release, since the force never changes sign.
-- `stays_in_contact`: there is no speed into the gap, and the force presses. Elastic impacts lead there from no other
-  state: it is a start on the wall, or a speed that leaves double precision.
+- `is_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only contact
+  that a motion with elastic impacts enters. It has no release, because the force never changes sign.
+- `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
+  starts on the wall, or if a speed underflows.
 
-A law whose chatter completes (`ImpactLaw.chatter_completes`) enters in finite time where it bounces, and is released
-with speed 0 at the phase where the force turns away, the entry of `forcing.negative_arc` on Σ⁺ and its exit on Σ⁻. The
-stiff gear's contacts have depth: `rattle.stiff.map.flow.departs` is their release, and one without an end is quiet.
+A law whose chatter completes (`ImpactLaw.chatter_completes`) enters contact in finite time. It is released with speed 0
+at the phase where the force turns away from the wall: the beginning of `forcing.negative_arc` on Σ⁺, its end on Σ⁻. The
+stiff gear's contacts have depth; `rattle.stiff.map.flow.departs` decides their release, and an endless one is quiet.
 """
 
 from rattle.flight.forcing import contact_force, library_phase
@@ -18,17 +18,17 @@ from rattle.numerics.compile import inline, kernel
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
 ENDLESS = 3  # status of a motion that makes MOST_BOUNCES impacts on Σ⁻ between two on Σ⁺
 MOST_BOUNCES = 100_000
-SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
-#: x of `rattle.inelastic.map.contact`: a chatter takes at most this share of the time in which the force might vanish.
+SLOWEST = 1e-150  # speed below which squares of speeds and heights underflow
+#: Largest share x of the time until the force may vanish that a chatter may take (`rattle.inelastic.map.contact`).
 SHARE = 0.4
-LOW = 2.0 * (1.0 - SHARE) ** 2  # v²/(gap × force) up to which a bounce stays clear of the other wall
+LOW = 2.0 * (1.0 - SHARE) ** 2  # largest v²/(gap × force) of a bounce that is certain to stay clear of the other wall
 
 
 @inline
 def is_captured(speed, force, largest_invariant):
-    """Return whether the bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
+    """Return whether a bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
 
-    It is where v³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
+    It is certain where v³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
 
     Returns
     -------
@@ -40,14 +40,15 @@ def is_captured(speed, force, largest_invariant):
 
 @inline
 def chatter_completes(speed, pressing, gap, capture):
-    """Return whether an impact that is left with this speed is certain to lead to contact, by impacts that lose energy.
+    """Return whether an impact left with this speed is certain to lead to contact, through impacts that lose energy.
 
     Parameters
     ----------
     speed, pressing, gap : float
         Speed after the impact, contact force towards the wall, and 2β.
     capture : float
-        Up to which v/h² a chatter completes (`rattle.inelastic.map.contact.capture_of`); 0 where impacts are elastic.
+        Largest speed/pressing² at which a chatter is certain to complete (`rattle.inelastic.map.contact.capture_of`); 0
+        where impacts are elastic.
 
     Returns
     -------
@@ -60,10 +61,10 @@ def chatter_completes(speed, pressing, gap, capture):
 
 @kernel
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
-    """Return whether the motion does not leave the wall.
+    """Return whether the motion stays on the wall.
 
-    It stays with no speed into the gap and a contact force that presses on the wall. A graze arrives with no speed and
-    leaves at once, because the force points into the gap.
+    It does if it has no speed into the gap and the contact force presses on the wall. A graze also arrives with speed
+    0, but leaves at once, because there the force points into the gap.
 
     Returns
     -------

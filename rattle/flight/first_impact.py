@@ -1,6 +1,7 @@
-"""The first impact of one flight (compiled): single precision finds and proves it, double precision lands on it.
+"""The first impact of one flight (compiled).
 
-Else a search of monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
+Single precision finds and proves the impact, and double precision computes it. Where that fails, the flight is searched
+in monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
 """
 
 import math
@@ -29,9 +30,10 @@ SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
 NO_IMPACT = 1  # no impact within LONGEST forcing periods: backwards in time, at tiny damping, or on non-finite input
 LONGEST = 1000.0
 PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
-SAME_PHASE = 1e-12  # a piece starting this close before the arc starts in it: rounding must not hide the arc's exit
+# a piece that starts this close before the arc of negative force counts as starting in it, despite rounding
+SAME_PHASE = 1e-12
 MOST_STEPS = 100
-BISECTED = 5  # one step in so many halves the bracket: where F is nearly exponential the others are too short
+BISECTED = 5  # every fifth step halves the bracket, because other steps are too short where F is nearly exponential
 
 FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period
 
@@ -42,15 +44,15 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 
 @inline
 def last_step(s, f0, f1, lost, sin1, cos1, flight):
-    """Return the step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
+    """Return the step u to F = 0 from a close guess s with height f0, by reversion of the Taylor series to third order.
 
-    The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
-    F''/2F', F‴/6F', F⁗/24F'.
+    f1, lost, sin1 and cos1 are what `evaluate_short` returns at s. The neglected term is u⁴ (5p (p² − q) + r), where
+    p = F''/2F', q = F‴/6F' and r = F⁗/24F'.
 
     Returns
     -------
     tuple[float, bool]
-        u in forcing periods, and whether what is left out is below 2e-15 s.
+        u in forcing periods, and whether the neglected term is below 2e-15 s.
     """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -68,7 +70,7 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
 
 @inline
 def stepped(u, f1, lost, sin1, cos1, flight):
-    """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: what is left out is below 1e-15 of each."""
+    """Return F', F'', 1 − e^(−δs), sine and cosine after a step u, by Taylor series with errors below 1e-15 of each."""
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
     f4 = fourth_derivative(lost, sin1, cos1, flight)
@@ -81,7 +83,7 @@ def stepped(u, f1, lost, sin1, cos1, flight):
 
 @kernel
 def proven_impact(wall, tau, flight, beta):
-    """Return the first impact by the stages that a block of lanes runs.
+    """Return the first impact by the same stages that a block of lanes runs.
 
     Returns
     -------
@@ -114,9 +116,9 @@ def proven_impact(wall, tau, flight, beta):
 
 @kernel
 def root_in(lo, hi, guess, level, rising, flight):
-    """Return the crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
+    """Return the crossing F = level in (lo, hi), where F is monotone, by Halley steps inside a shrinking bracket.
 
-    A step leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'; the last one leaves less than rounding.
+    A step u leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'. The error of the last step is below rounding.
 
     Returns
     -------
@@ -150,7 +152,7 @@ def root_in(lo, hi, guess, level, rising, flight):
 
 @kernel
 def extremum_in(lo, hi, guess, convex, flight):
-    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9: F there is then exact to rounding."""
+    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9; F there is then exact to rounding."""
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
@@ -176,7 +178,7 @@ def extremum_in(lo, hi, guess, convex, flight):
 
 @kernel
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
-    """Return the crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
+    """Return (wall, time) of the crossing on a monotone piece from F = start to F = end; wall 0 if there is none."""
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:
         return 0, s1
@@ -188,7 +190,7 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
 
 @inline
 def end_of_piece(s, longest, tau, arc):
-    """Return the end of a piece after s: after `longest`, or before, where the contact force changes sign."""
+    """Return the end of the piece that begins at s: after `longest`, or earlier where the force changes sign."""
     e = s + longest
     if arc.exists:
         to_exit = arc.leave - tau - s
@@ -201,16 +203,16 @@ def end_of_piece(s, longest, tau, arc):
 
 @kernel
 def searched_crossing(tau, flight, lower, upper):
-    """Return the first crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards.
+    """Return the first crossing of F = lower ≤ 0 downwards or of F = upper ≥ 0 upwards.
 
-    The search goes by pieces on which e^(δs) F' is monotone, so that F has one extremum at most. The pieces end where
-    the contact force changes sign, and at least four times a period; each is cut at its extremum, and the first
-    monotone part that reaches a level holds the crossing.
+    The search goes by pieces on which e^(δs) F' is monotone, so that F has at most one extremum on each. Pieces end
+    where the contact force changes sign, and after at most a quarter of a period. Each piece is cut at its extremum.
+    The first monotone part that reaches a level holds the crossing.
 
     Returns
     -------
-    result
-        (status, +1 for the upper and −1 for the lower one, time).
+    tuple
+        (status, +1 for the upper or −1 for the lower level, time).
     """
     arc = negative_arc(flight.delta, flight.epsilon)
     s, f0, f1 = 0.0, 0.0, flight.w
@@ -227,7 +229,8 @@ def searched_crossing(tau, flight, lower, upper):
             hit, t = impact_on_piece(s, first, f0, x0, math.nan, lower, upper, flight)
             if hit != 0:
                 return OK, hit, t
-        guess = 2.0 * first if s == 0.0 else math.nan  # a small bounce is a parabola
+        # the flight of a small bounce is a parabola, which lasts twice the time to its turning point
+        guess = 2.0 * first if s == 0.0 else math.nan
         hit, t = impact_on_piece(first, e, x0, e0, guess, lower, upper, flight)
         if hit != 0:
             return OK, hit, t
@@ -237,12 +240,12 @@ def searched_crossing(tau, flight, lower, upper):
 
 @kernel
 def safe_impact(wall, tau, flight, beta):
-    """Return the search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
+    """Return the impact found by the search, with its state: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
     status, target, s = searched_crossing(tau, flight, lower, upper)
     _f0, w1, _f2, lost, sin1, cos1 = evaluate(s, flight)
-    w1 = target * max(target * w1, 0.0)  # a graze to the last bit arrives with speed 0, never backwards
+    w1 = target * max(target * w1, 0.0)  # rounding must not give a grazing arrival a velocity away from the wall
     return status, s, target, w1, lost, sin1, cos1
 
 

@@ -1,17 +1,17 @@
-"""The forcing e(t), and the contact force g(t) that it makes: the one place that knows the shape of the forcing.
+"""The forcing e(t), and the contact force g(t) that it produces. No other module knows the shape of the forcing.
 
     Φ'' + δΦ' = g(t),    g(t) = δq + e''(t) + δe'(t),    e(t) = ε cos 2πt,    q = 4π
 
-Kernels hold a phase as its sine and cosine, from which any harmonic follows, and the forcing as the argument `epsilon`:
-a number, the amplitude of one cosine. Another forcing is another type of this argument, for which numba compiles these
-functions, and all kernels that ask them, anew; one cosine stays the special case with today's instructions. Functions
-take both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to
-a number: the order of operations is part of the stored bits. Python asks `Forcing`.
+Kernels hold a phase as its sine and cosine, from which any harmonic follows. They hold the forcing as the argument
+`epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument, for which numba
+compiles these functions, and all kernels that call them, again. One cosine thus keeps its own fast code. Functions take
+both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to a
+number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
-These hold for one cosine only, and say so in their modules: A to D in closed form and their limits
-(`rattle.impacting.orbits.closed_form`, `limits`), one arc of negative contact force (`negative_arc`, and the
-certificates of a first impact in `proof` that use it), contacts with stiff walls, which respond to one frequency
-(`rattle.stiff.map.contact`), and proofs (`rattle.proof`).
+These modules hold for one cosine only, and say so: A to D in closed form and their limits
+(`rattle.impacting.orbits.closed_form`, `limits`), the single arc of negative contact force (`negative_arc`, and the
+proofs of a first impact in `proof` that use it), contacts with stiff walls, which respond to one frequency
+(`rattle.stiff.map.contact`), and `rattle.proof`.
 """
 
 import math
@@ -29,31 +29,31 @@ from rattle.numerics.polynomial import degree_4, degree_5, degree_10
 TWO_PI = 2.0 * math.pi
 DRIFT = 4.0 * math.pi  # q: the mean contact force is δq
 Q = f32(DRIFT)
-W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the k-th derivative
+W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # factors (2π)^k of the k-th derivatives
 SIXTH = f32(TWO_PI**6 / 720)
 
 Real = float | np.float32
 
 
 class Arc(NamedTuple):
-    """The phases where the contact force is negative, if there are any."""
+    """The arc of phases where the contact force is negative, if it exists."""
 
     exists: bool
-    leave: Real  # its end
+    leave: Real  # phase at the end of the arc
     length: Real
-    sin_entry: Real  # of 2π its beginning
+    sin_entry: Real  # sine of 2π times the phase at the beginning of the arc
     sin_exit: Real
 
 
 @inline
 def versine64(q):
-    """(1 − cos z)/z² for q = z², |z| ≤ π."""
+    """Return (1 − cos z)/z² for q = z², |z| ≤ π."""
     return degree_10(coefficients.VERSINE, q)
 
 
 @inline
 def sine_defect64(q):
-    """(z − sin z)/z³ for q = z², |z| ≤ π."""
+    """Return (z − sin z)/z³ for q = z², |z| ≤ π."""
     return degree_10(coefficients.SINE_DEFECT, q)
 
 
@@ -70,7 +70,7 @@ def sine_defect32(q):
 
 
 class FlightFunctions(NamedTuple):
-    """The functions of the forcing that a flight takes, in one precision: inline kernels."""
+    """The functions of the forcing that a flight needs, as inline kernels of one precision."""
 
     versines: Inline
     turned: Inline
@@ -82,13 +82,13 @@ class FlightFunctions(NamedTuple):
 
 
 def _forcing(real, versine, sine_defect):
-    """Build the functions of a flight in one precision: straight-line code that a loop over flights vectorises."""
+    """Build the functions of a flight in one precision, as straight-line code that a loop over flights vectorises."""
     two_pi = real(TWO_PI)
     rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
 
     @inline
     def versines(s):
-        """1 − cos 2πs, sin 2πs and 2πs − sin 2πs, none with cancellation."""
+        """Return 1 − cos 2πs, sin 2πs and 2πs − sin 2πs without cancellation."""
         turns = (s + rounder) - rounder
         z = two_pi * (s - turns)
         q = z * z
@@ -97,7 +97,7 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def turned(step, sin0, cos0):
-        """Return the change of the sine, and the cosine, from a phase to s later; step: the `versines` of s."""
+        """Return the change of the sine, and the new cosine, from a phase to a time s later; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
@@ -109,7 +109,7 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def slowing(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁), from what `turned` returns."""
+        """Return e'(t₀) − e'(t₁) from the change of the sine that `turned` returns."""
         return (two_pi * epsilon) * dsin
 
     @inline
@@ -124,7 +124,7 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'' after what `turned` returns: the sine is not added up before it is needed."""
+        """Return x + e'' after `turned`. The sine sin0 + dsin is added up only here, which keeps its digits."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(versines, turned, drop, slowing, plus_slope, plus_acceleration, plus_acceleration_after)
@@ -137,34 +137,34 @@ plus_slope, plus_acceleration, plus_slope32 = IN_DOUBLE.plus_slope, IN_DOUBLE.pl
 
 @inline
 def phase_at(tau):
-    """Sine and cosine of the phase τ."""
+    """Return the sine and cosine of 2πτ."""
     versine, sine, _defect = versines(tau)
     return sine, 1.0 - versine
 
 
 @inline
 def library_phase(tau):
-    """Return the same by the sine and cosine of the library, to the last bit where few are computed."""
+    """Return the sine and cosine of 2πτ by the mathematical library, which is exact to the last bit but slower."""
     angle = TWO_PI * tau
     return math.sin(angle), math.cos(angle)
 
 
 def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return sines and cosines (count,) of phases at equal distances from 0 on."""
+    """Return sines and cosines (count,) of equally spaced phases that begin at 0."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.sin(angle), np.cos(angle)
 
 
 @inline
 def short_step(u):
-    """1 − cos 2πu and sin 2πu of a short time by Taylor series: 1e-15 is left out for u up to 1e-4."""
+    """Return 1 − cos 2πu and sin 2πu of a short time by Taylor series, with errors below 1e-15 for u up to 1e-4."""
     y = TWO_PI * u
     return y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
 
 
 @inline
 def later_phase(step, sine, cosine):
-    """Sine and cosine of the phase after a `short_step`."""
+    """Return the sine and cosine of the phase after a `short_step`."""
     omc, siny = step
     cosine1 = cosine - (siny * sine + omc * cosine)
     return sine + (siny * cosine - omc * sine), cosine1
@@ -226,25 +226,25 @@ def contact_force_rate(sine, cosine, delta, epsilon):
 
 @inline
 def contact_force_swing(delta, epsilon):
-    """Return the largest |g − δq|."""
+    """Return the amplitude of the contact force, the largest |g − δq|."""
     return TWO_PI * epsilon * math.hypot(TWO_PI, delta)
 
 
 @inline
 def relative_swing(delta, epsilon):
-    """Return the swing of the contact force over its mean: above 1 the force changes sign."""
+    """Return the amplitude of the contact force over its mean. Above 1 the force changes sign."""
     return epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
 
 
 @inline
 def swings_beyond(share, delta, epsilon):
-    """Return whether the contact force swings by more than this share of its mean."""
+    """Return whether the amplitude of the contact force exceeds this share of its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
 
 
 @inline
 def relative_force(swing, share):
-    """Return the contact force over its mean, at half a period times this share from the phase of the least one.
+    """Return the contact force over its mean, `share` of half a period away from the phase of its minimum.
 
     `swing` is the force's `relative_swing`.
 
@@ -264,7 +264,7 @@ def phase_of_least_force(delta):
 
 @inline
 def force_ahead(wall, sin0, cos0, delta, epsilon):
-    """Mean, a and b of the outward force on a wall, h(s) = mean + a cos 2πs + b sin 2πs, from the phase of s = 0 on."""
+    """Return mean, a and b of the outward force mean + a cos 2πs + b sin 2πs on a wall, a time s after this phase."""
     size = wall * TWO_PI * epsilon
     a = -size * (TWO_PI * cos0 + delta * sin0)
     return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
@@ -272,21 +272,21 @@ def force_ahead(wall, sin0, cos0, delta, epsilon):
 
 @inline
 def force_integral(duration, mean, a, b):
-    """∫ h from s = 0 on, of the force that `force_ahead` describes."""
+    """Return the integral over `duration` of the force that `force_ahead` describes, from s = 0."""
     omc, sine, _defect = versines(duration)
     return mean * duration + (a * sine + b * omc) / TWO_PI
 
 
 @kernel
 def negative_arc(delta, epsilon):
-    """Return the phases where the contact force is negative: one arc, for one cosine.
+    """Return the arc of phases where the contact force is negative. For one cosine there is at most one.
 
     g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
 
     Returns
     -------
     Arc
-        Its first field is False, and the others 0, if the force keeps its sign.
+        Its field `exists` is False, and the others are 0, if the force keeps its sign.
     """
     largest = contact_force_swing(delta, epsilon)
     mean = abs(delta) * DRIFT
@@ -302,7 +302,7 @@ def negative_arc(delta, epsilon):
 
 @inline
 def mean_cosine32(angle, sin0, cos0):
-    """Return the mean cosine over a time angle/2π from a phase on, angle ≤ 2π: a guess."""
+    """Return an estimate of the mean cosine over the time angle/2π after a phase, angle ≤ 2π."""
     square = angle * angle
     return (
         degree_4(coefficients.MEAN_COSINE_32, square) * cos0
@@ -330,20 +330,20 @@ def fourth_derivative32(sine, cosine, epsilon):
 
 @inline
 def minus_fifth_derivative32(sine, cosine, epsilon):
-    """−e⁽⁵⁾."""
+    """Return −e⁽⁵⁾."""
     return W5 * epsilon * sine
 
 
 @inline
 def change_scale32(s):
-    """Return the size of e(t + s) − e(t) − s e'(t) over ε, up to which its rounding is relative."""
+    """Return a scale of |e(t + s) − e(t) − s e'(t)|/ε, to which its rounding error in single precision is relative."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
 def coarse_change_scale32(s, epsilon):
-    """Return no less than `change_scale32`, in fewer operations."""
+    """Return an upper bound of `change_scale32` in fewer operations."""
     return epsilon * (W1 * s + f32(3.0))
 
 
@@ -373,41 +373,41 @@ def largest_sixth32(epsilon):
 
 @inline
 def sine_changes_to_arc32(inside, sin0, arc):
-    """Return the change of the sine until the entry to the arc (none if the departure is inside) and until its exit."""
+    """Return the change of the sine until the arc begins (0 if the departure is inside it) and until it ends."""
     return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
 
 
 @inline
 def plus_slope_change32(x, dsin, epsilon):
-    """Return x + the change of e' that belongs to this change of the sine."""
+    """Return x plus the change of e' for a given change of the sine."""
     return x - W1 * epsilon * dsin
 
 
-# ---- analytic in time: complex phases carry exact derivatives (`rattle.flight.between`)
+# ---- functions analytic in time: complex phases carry exact derivatives (`rattle.flight.between`)
 
 
 @inline
 def turn(z):
-    """Return sin z and cos z of a complex z."""
+    """Return sin z and cos z of a complex number."""
     sine, cosine, cosh, sinh = math.sin(z.real), math.cos(z.real), math.cosh(z.imag), math.sinh(z.imag)
     return complex(sine * cosh, cosine * sinh), complex(cosine * cosh, -sine * sinh)
 
 
 @inline
 def analytic_phase(t):
-    """Sine and cosine of the phase at a complex time."""
+    """Return the sine and cosine of the phase at a complex time."""
     return turn(TWO_PI * t)
 
 
 @inline
 def analytic_change(t0, t1, s, epsilon):
-    """Return e(t₁) − e(t₀) at complex times, s = t₁ − t₀, without cancellation."""
+    """Return e(t₁) − e(t₀) at complex times with s = t₁ − t₀, without cancellation."""
     return epsilon * (-2.0 * turn(math.pi * (t0 + t1))[0] * turn(math.pi * s)[0])
 
 
 @inline
 def plus_analytic_acceleration(x, sine, cosine, epsilon):
-    """Return x + e'', with the products in the order that the stored bits of curves have."""
+    """Return x + e''. The order of the products decides the stored bits of curves."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
 
@@ -421,19 +421,19 @@ def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
 
 @inline
 def change_shape(t0, t1, s):
-    """(e(t₁) − e(t₀))/ε at real times: the derivative by ε, in which e is linear."""
+    """Return (e(t₁) − e(t₀))/ε at real times, which is the derivative by ε because e is linear in ε."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
 @inline
 def slope_shape(sine, cosine):
-    """Return e'/ε, likewise."""
+    """Return e'/ε at real times, which is the derivative of e' by ε."""
     return -TWO_PI * sine
 
 
 @dataclass(frozen=True)
 class Forcing:
-    """The forcing as Python asks it: one cosine of amplitude epsilon, one number or an array.
+    """The forcing outside kernels: one cosine whose amplitude epsilon is a number or an array.
 
     A gear whose forcing is not ONE_COSINE has no closed forms of A to D.
     """
@@ -443,7 +443,7 @@ class Forcing:
     ONE_COSINE: ClassVar[bool] = True
 
     def relative_swing(self, delta: ArrayLike) -> NDArray[np.float64]:
-        """Return the swing of the contact force over its mean; above 1 the force changes sign."""
+        """Return the amplitude of the contact force over its mean. Above 1 the force changes sign."""
         return np.asarray(0.5 * (self.epsilon * np.hypot(TWO_PI, delta) / np.asarray(delta)))
 
     def least_force(self, delta: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -451,12 +451,12 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return (frequency, size) of the contact force Σ size e^(i frequency t), the mean first."""
+        """Return (frequency, size) of the terms of the contact force Σ size e^(i frequency t), the mean first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
     def touch(self, time: NDArray, delta: NDArray) -> NDArray:
-        """Return g/2π and g'/4π²ε (…, 2) at times (…), real or complex: both vanish where the force just reaches 0."""
+        """Return g/2π and g'/4π²ε (…, 2) at real or complex times (…). Both vanish if the least force is 0."""
         sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
         force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
@@ -464,20 +464,20 @@ class Forcing:
 
 @inline
 def mean_force(delta: Any) -> Any:
-    """Return the mean contact force δq, which the impulses of a lasting motion balance in every period."""
+    """Return the mean contact force δq, which balances the impulses of a periodic motion over each period."""
     return delta * DRIFT
 
 
 def quiet_size(delta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest ε at which the contact force is nowhere negative: 2δ/√(4π² + δ²)."""
+    """Return the largest ε at which the contact force is nowhere negative, 2δ/√(4π² + δ²)."""
     return np.asarray(2 * delta / np.hypot(2 * np.pi, delta))
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the contact force just reaches 0: the inverse of `quiet_size`."""
+    """Return the δ at which the minimum of the contact force is 0, the inverse of `quiet_size`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 
 def phase_of_entry(delta: float, share: float) -> float:
-    """Return the phase at which the contact force becomes negative, share ≤ 1 being the quiet limit over ε."""
+    """Return the phase at which the contact force becomes negative; share ≤ 1 is the quiet limit over ε."""
     return float((np.arctan2(delta, 2 * np.pi) - np.arccos(share)) / (2 * np.pi))

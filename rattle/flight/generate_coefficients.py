@@ -1,8 +1,9 @@
-"""Writes coefficients.py, with mpmath: `python -m rattle.flight.generate_coefficients > rattle/flight/coefficients.py`.
+"""Write coefficients.py: `python -m rattle.flight.generate_coefficients > rattle/flight/coefficients.py`.
 
-Each polynomial interpolates its function at Chebyshev nodes in 60 digits, which is within a few per cent of the best
-approximation. Coefficients are then rounded to the precision they are used in. The stated bound is the largest relative
-error of the rounded polynomial, evaluated exactly on a fine grid; evaluating it adds a few roundings of the sum.
+Each polynomial interpolates its function at Chebyshev nodes in 60 digits (mpmath), which is within a few per cent of
+the best approximation. Its coefficients are then rounded to the precision in which they are used. The stated bound is
+the largest relative error of the rounded polynomial, evaluated exactly on a fine grid. Evaluation in that precision
+adds a few rounding errors.
 """
 
 from collections.abc import Callable
@@ -21,7 +22,7 @@ TERMS = 60
 
 
 class Polynomial(NamedTuple):
-    """A function to approximate on an interval by a polynomial of a degree, in a precision."""
+    """A function, and the interval, degree and precision of its approximation."""
 
     name: str
     says: str
@@ -33,7 +34,7 @@ class Polynomial(NamedTuple):
 
 
 def series(start: int, step: int, x: Any) -> Any:
-    """Σ (−x)^k / (step·k + start)!, exact to 45 digits for |x| up to 40 where steps are two."""
+    """Return Σ (−x)^k / (step·k + start)!, exact to 45 digits for |x| ≤ 40 if step is 2."""
     total, term = mp.mpf(0), mp.mpf(1) / mp.factorial(start)
     for k in range(TERMS):
         total += term
@@ -44,7 +45,7 @@ def series(start: int, step: int, x: Any) -> Any:
 
 
 def polynomials() -> list[Polynomial]:
-    """Return all that the kernels use. z = 2π(s − the nearest integer) lies in [−π, π], so z² in [0, π²]."""
+    """Return all polynomials of the kernels. There z = 2π(s − nearest integer) lies in [−π, π], so z² in [0, π²]."""
     decay, versine, defect, sine = (partial(series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
     square = mp.pi**2
     return [
@@ -72,14 +73,14 @@ def coefficients(p: Polynomial) -> list[np.floating]:
 
 
 def error(p: Polynomial, found: list[np.floating]) -> Any:
-    """Return the largest relative error on the grid; absolute where the function has a zero."""
+    """Return the largest relative error on the grid, or the largest absolute error if the function has a zero."""
     worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
     for i in range(GRID + 1):
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID
         true = p.function(x)
         size = 1 if p.name.startswith("MEAN") else abs(true)
         value = mp.mpf(0)
-        for c in powers:  # releases of mpmath differ in the order that polyval takes
+        for c in powers:  # not polyval, whose order of coefficients differs between releases of mpmath
             value = value * x + c
         worst = max(worst, abs(value - true) / size)
     return worst

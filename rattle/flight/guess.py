@@ -1,14 +1,13 @@
-"""Guess the end of a flight, in single precision.
+"""Guess the end of a flight in single precision.
 
-A guess that double precision improves, and the proof that it is the first impact.
+Double precision improves the guess, and `proof` proves that it is the first impact. Every function here is
+straight-line code on float32 numbers, run for one flight or in a loop over a block of lanes. docs/kernel.md derives
+each inequality. The margins bound float32 rounding:
 
-Every function here is straight-line code on float32 numbers, run for one flight or, in a loop, for a block of them.
-docs/kernel.md derives each inequality; the margins bound what rounding to float32 can do:
-
-- A value of F has an error below ERROR times `height_scale`, the sum of the sizes of its terms (ERROR is 100 units of
-  float32 rounding; the evaluation does fewer than 30 operations on inputs rounded once, and its polynomials are good to
-  3e-7).
-- A value of F' has an error below ERROR times `speed_scale`, likewise.
+- A value of F has an error below ERROR times `height_scale`, the sum of the sizes of its terms. (ERROR is 100 units of
+  float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its polynomials are good
+  to 3e-7.)
+- A value of F' has an error below ERROR times `speed_scale`.
 """
 
 from typing import NamedTuple
@@ -35,11 +34,11 @@ from rattle.flight.law import LONGEST_DECAY, Flight, evaluate32
 from rattle.numerics.compile import inline
 
 ERROR = f32(6e-6)
-CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart
-FARTHEST = f32(0.1)  # longest Taylor step to the minimum: where F hardly bends the series leads anywhere
-NEAREST = f32(3e-6)  # its sixth power is no denormal number, with which processors are slow
-TOO_FAR = f32(LONGEST_DECAY)  # δs up to which the polynomials hold
-UNBOUNDED = f32(-1e30)  # a lower bound that proves nothing
+CLOSE = f32(1e-5)  # difference of flight times or phases below which they count as equal
+FARTHEST = f32(0.1)  # longest Taylor step to the minimum; a longer step is unreliable where F hardly bends
+NEAREST = f32(3e-6)  # shortest step whose sixth power is not a denormal number, which processors handle slowly
+TOO_FAR = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
+UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
 SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
 PER_DRIFT = f32(1.0 / DRIFT)
@@ -48,51 +47,44 @@ PER_DRIFT = f32(1.0 / DRIFT)
 class Minimum(NamedTuple):
     """A point of a flight near a minimum of F."""
 
-    bound: f32  # F there is no lower
-    tilt: f32  # |F'| there is no larger
+    bound: f32  # lower bound of F at the point
+    tilt: f32  # upper bound of |F'| at the point
     time: f32
 
 
 class Scan(NamedTuple):
-    """State of a scan: the results of the points so far."""
+    """The state of a scan of one flight at successive points."""
 
     f: f32  # F and F' at the last point
     g: f32
     turned: bool
     turn: f32  # time of the last turning point
     ended: bool
-    falls: bool  # it ends on Σ⁻
-    end: f32  # its time, −1 if the flight turns in the same step: then its place follows from the turning point
+    falls: bool  # the flight ends on Σ⁻
+    end: f32  # time of the end; −1 if the flight turns in the same step, so that the turning point decides
 
 
 @inline
 def in_single(flight):
-    """Return a flight in single precision, with A of the rounded numbers."""
+    """Return a flight in single precision, with A computed from the rounded numbers."""
     w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
     return Flight(w, plus_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
 
 
 @inline
 def first_guess(wall, gap, inverse_delta, flight):
-    """Return a first guess of a flight's time: from Σ⁺ to where the ball turns back, from Σ⁻ to where it arrives.
-
-    The mean force of the way decides.
-
-    Returns
-    -------
-    float
-        Time since the departure, in forcing periods.
-    """
+    """Return a first guess of a flight's time, from the mean force: until it turns (from Σ⁺) or arrives (from Σ⁻)."""
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
-    y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta  # 2π × the time to stop without forcing
+    # 2π times the time to the turning point without forcing
+    y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta
     y = min(y, W1)
     cosine = mean_cosine32(y, sin0, cos0)
     force = plus_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
-    way, pace = speed, max(force, f32(0.35) * Q * delta)  # turning: speed over force; arriving: gap over speed
+    way, pace = speed, max(force, f32(0.35) * Q * delta)  # time to turn = speed / force; time to arrive = gap / speed
     way = way if wall > f32(0.0) else gap
     pace = pace if wall > f32(0.0) else mean_speed
     return min(way / pace, f32(0.95 * LONGEST_DECAY) * inverse_delta)
@@ -102,7 +94,7 @@ def first_guess(wall, gap, inverse_delta, flight):
 def better_guess(s, wall, gap, flight):
     """Return the time after one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
 
-    The step goes at most to half or twice the time.
+    The step at most halves or doubles the time.
 
     Returns
     -------
@@ -117,14 +109,14 @@ def better_guess(s, wall, gap, flight):
 
 @inline
 def level_of(wall, falls, gap):
-    """F at the next wall: from Σ⁺ 0 or −gap, from Σ⁻ the gap."""
+    """Return F at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
     level = f32(0.0) if wall > f32(0.0) else gap
     return -gap if falls else level
 
 
 @inline
 def taylor(s, flight):
-    """F, F', F''/2, F'''/6, F⁗/24, F⁗'/120 after s."""
+    """Return the Taylor coefficients F, F', F''/2, F'''/6, F⁗/24 and F⁽⁵⁾/120 at s."""
     f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
     delta, epsilon = flight.delta, flight.epsilon
     b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
@@ -136,7 +128,7 @@ def taylor(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """Return the sum of the sizes of the terms of F after s, up to which its rounding is relative."""
+    """Return the sum of the sizes of the terms of F at s, to which the rounding error of F is relative."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -144,32 +136,33 @@ def height_scale(s, flight):
 
 @inline
 def speed_scale(flight):
-    """Return the same for F'."""
+    """Return the sum of the sizes of the terms of F', to which the rounding error of F' is relative."""
     return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 
 @inline
 def slope(u, c1, c2, c3, c4, c5):
-    """Return the derivative of the Taylor polynomial."""
+    """Return the derivative of the Taylor polynomial at u."""
     return c1 + u * (f32(2.0) * c2 + u * (f32(3.0) * c3 + u * (f32(4.0) * c4 + u * (f32(5.0) * c5))))
 
 
 @inline
 def height(u, c0, c1, c2, c3, c4, c5):
-    """Return the Taylor polynomial."""
+    """Return the Taylor polynomial at u."""
     u2 = u * u
     return (c0 + u * c1) + u2 * ((c2 + u * c3) + u2 * (c4 + u * c5))
 
 
 @inline
 def depth(s, series, flight):
-    """Return the minimum near s, where F has this Taylor series: its height as it seems, and bounds.
+    """Return the minimum near s, where F has this Taylor series: its estimated height, and bounds.
 
-    Remainders and rounding are in the bounds, if δs < 2; that of F is UNBOUNDED where the polynomial is no good.
+    The bounds include the remainder and rounding, and hold for δs < 2. The bound of F is UNBOUNDED where the Taylor
+    polynomial is unreliable.
 
     Returns
     -------
-    result
+    Minimum
         The height and its bounds.
     """
     w, a, _sin0, _cos0, delta, epsilon = flight
@@ -184,8 +177,8 @@ def depth(s, series, flight):
     r2 = reach * reach
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
         delta * abs(a)
-    )  # |F⁽⁶⁾|/720, e^(δu) < 2
-    left_out = m6 * r2 * r2  # times r2 in F, 6 r in F'
+    )  # bounds |F⁽⁶⁾|/720, because e^(δu) < 2
+    left_out = m6 * r2 * r2  # remainder, up to the factor r2 in F and 6 r in F'
     tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)
@@ -196,12 +189,13 @@ def depth(s, series, flight):
 
 @inline
 def local_root(rising, level, series):
-    """Return the step to F = level: root of the parabola, then one Newton step on the polynomial."""
+    """Return the step to F = level: the root of the parabola, then one Newton step on the Taylor polynomial."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
     signed = root if rising else -root
-    direct = (c1 > f32(0.0)) == rising  # then c1 and the root of the discriminant agree in sign, and add up
+    # in this case c1 and the square root have the same sign, so their sum does not cancel
+    direct = (c1 > f32(0.0)) == rising
     numerator = f32(-2.0) * c0 if direct else signed - c1
     denominator = c1 + signed if direct else f32(2.0) * c2
     u = numerator / denominator
@@ -210,7 +204,7 @@ def local_root(rising, level, series):
 
 @inline
 def refined(s, level, flight):
-    """Return a step of fourth order to F = level, from the first four derivatives: (s, its size, F' there)."""
+    """Return s after a step of fourth order to F = level, the size of the step, and F' there."""
     c0, c1, c2, c3, c4, _c5 = taylor(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse
@@ -220,9 +214,7 @@ def refined(s, level, flight):
 
 @inline
 def scanned(s0, s, wall, gap, scan, flight):
-    """Return a scan for the last turning point and the end of a flight, with one more point s after s0.
-
-    Both are found by linear interpolation.
+    """Add a point s after s0 to the scan, and update the last turning point and the end by linear interpolation.
 
     Returns
     -------

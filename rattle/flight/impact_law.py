@@ -1,9 +1,9 @@
-"""The impact law: what a wall makes of the velocity that arrives, and what follows for determinants and balances.
+"""The impact law: the velocity after an impact, and the determinants and balances that follow from it.
 
-The gear's impacts are elastic, w → −w. A gear with restitution r has w → −r w: its law differs from this one in the
-functions here, and nothing outside takes a velocity, a determinant or a balance by a sign of its own. Kernels ask the
-inline functions, Python the record `ELASTIC`. Walls that give way have no impact law: a contact is a part of the flow
-(`rattle.stiff.map.flow`), but contracts areas likewise, so determinants come from here too.
+This gear's impacts are elastic, w → −w. A gear with restitution r has w → −r w; only the functions here differ. No
+other module reflects a velocity or writes a determinant or balance by itself. Kernels call the inline functions; other
+code uses the record `ELASTIC`. Walls that give way have no impact law, because a contact is part of the flow
+(`rattle.stiff.map.flow`). It contracts areas as flights do, so its determinants come from here too.
 """
 
 import math
@@ -17,88 +17,80 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected(w):
-    """Return the velocity after an impact, from that before."""
+    """Return the velocity after an impact from the velocity before it."""
     return -w
 
 
 @inline
 def before_reflection(w):
-    """Return the velocity before an impact, from that after."""
+    """Return the velocity before an impact from the velocity after it."""
     return -w
 
 
 @inline
 def reflected_change(change):
-    """Return a change of the velocity after an impact, from that of the velocity before: the derivative times it."""
+    """Return the change of the velocity after an impact that a change of the velocity before it causes."""
     return -change
 
 
 @inline
 def arrival_part(w):
-    """Return the share of a velocity of arrival, or of a derivative of it, in the mismatch."""
+    """Return the term that an arrival velocity, or a derivative of it, contributes to `impact_mismatch`."""
     return w
 
 
 @inline
 def impact_mismatch(before, after):
-    """Return by how much a velocity of departure differs from what the law makes of the arrival: 0 at an impact."""
+    """Return the departure velocity minus the one that the law requires after this arrival; 0 at a true impact."""
     return after + arrival_part(before)
 
 
 @inline
 def impulse_of(speed):
-    """Return by how much an impact turns Φ' away from the wall, from the speed of arrival."""
+    """Return the jump of Φ' at an impact, away from the wall, from the speed of arrival."""
     return 2.0 * speed
 
 
 @inline
 def determinant_of_impact(determinant):
-    """Return the size of the determinant of a flight and its impact in (t, w²/2), from that of the flight."""
+    """Return |det| of a flight and its impact in (t, w²/2), from |det| of the flight."""
     return determinant
 
 
 @inline
 def log_determinant(delta, time, impacts):  # noqa: ARG001
-    """Return ln|det| in (t, w²/2) of a motion that takes this time and makes so many impacts."""
+    """Return ln|det| of the tangent map in (t, w²/2) of a motion with this duration and number of impacts."""
     return -delta * time
 
 
 @inline
 def determinant(delta, time, impacts):
-    """|det| likewise, e^(−δ time) if impacts are elastic."""
+    """Return |det| of the tangent map in (t, w²/2) of a motion; e^(−δ time) for elastic impacts."""
     return math.exp(log_determinant(delta, time, impacts))
 
 
 @dataclass(frozen=True)
 class ImpactLaw:
-    """The law as Python asks it: `ELASTIC`, or `Restitution`."""
+    """The impact law outside kernels: `ELASTIC`, or a `Restitution`."""
 
-    #: Whether bounces on a wall that the contact force presses on end in finite time, in contact that lasts. With
-    #: elastic impacts they go on for ever, ever lower: the limit is quiet motion, which has no impact.
+    #: True if bounces under a pressing contact force end in lasting contact after a finite time. Elastic bounces never
+    #: end but become lower and lower; their limit is quiet motion.
     chatter_completes: bool = False
 
     def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:  # noqa: ARG002
-        """Return the determinant e^(−δ time) of the tangent map of a motion that makes this number of elastic impacts.
-
-        It is the product of the motion's multipliers.
-
-        Returns
-        -------
-        Any
-            float or array, of the broadcast shape.
-        """
+        """Return the determinant e^(−δ time) of the tangent map of a motion, the product of its multipliers."""
         return np.exp(-delta * time)
 
     def exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:  # noqa: ARG002
-        """Return λ₁ + λ₂ per forcing period, −δ if impacts are elastic."""
+        """Return λ₁ + λ₂ per forcing period; −δ for elastic impacts."""
         return -delta
 
     def energy_change(self, w: Any, change: Any) -> Any:
-        """Return the change of w²/2 after an impact, from a velocity of arrival and its change."""
+        """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
         return change * w
 
     def energy_lost(self, speed: Any) -> Any:
-        """Return the energy that an impact takes from the motion relative to the wall: 0 if it is elastic."""
+        """Return the energy that an impact dissipates, relative to the wall; 0 for elastic impacts."""
         return 0.0 * speed
 
 
@@ -107,7 +99,7 @@ ELASTIC = ImpactLaw()
 
 @dataclass(frozen=True)
 class Restitution(ImpactLaw):
-    """The law w → −r w: an impact leaves the share r of the speed, and r² of areas in (t, w²/2)."""
+    """The law w → −r w. An impact multiplies the speed by r, and areas in (t, w²/2) by r²."""
 
     restitution: float = 1.0
 
@@ -120,9 +112,9 @@ class Restitution(ImpactLaw):
         return 2.0 * math.log(self.restitution) * impacts_per_period - delta
 
     def energy_change(self, w: Any, change: Any) -> Any:
-        """Return the change of w²/2 after an impact, from a velocity of arrival and its change."""
+        """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
         return self.restitution**2 * (change * w)
 
     def energy_lost(self, speed: Any) -> Any:
-        """Return the energy that an impact takes from the motion relative to the wall."""
+        """Return the energy that an impact dissipates, relative to the wall."""
         return 0.5 * (1.0 - self.restitution**2) * speed * speed

@@ -1,13 +1,13 @@
-"""Free flight between the walls in closed form (compiled), in double and in single precision.
+"""Free flight between the walls in closed form, in double and in single precision (compiled).
 
-A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocity w. With θ = 2πτ, A = q − 2πε sin θ − w and
-k(x) = e^(−x) − 1 + x, equation (3.1) of Mason and Piiroinen (2009) becomes, free of cancellation for short flights,
+A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocity w. Let θ = 2πτ, A = q − 2πε sin θ − w and k(x)
+= e^(−x) − 1 + x. Equation (3.1) of Mason and Piiroinen (2009) then becomes, free of cancellation for short flights,
 
     F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ − ε [cos θ (1 − cos 2πs) − sin θ (2πs − sin 2πs)].
 
-The term with ε is e(t₀) + s e'(t₀) − e(t₁); it and all else that follows from the forcing e comes from
-`rattle.flight.forcing`. q = 4π is the mean drift. Running time backwards is the same law with δ → −δ, q → −q, τ → −τ,
-w → −w, so one kernel serves both directions.
+The term with ε is e(t₀) + s e'(t₀) − e(t₁). It and everything else that follows from the forcing e comes from
+`rattle.flight.forcing`. The mean drift is q = 4π. Reversed time is the same law with δ → −δ, q → −q, τ → −τ and w → −w,
+so one kernel serves both directions.
 """
 
 import math
@@ -29,8 +29,8 @@ from rattle.flight.forcing import (
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.polynomial import degree_6, degree_12
 
-FASTEST = 1e100  # natural speed: of parameters beyond it nothing can be computed
-LONGEST_DECAY = 2.0  # largest δs of the polynomials
+FASTEST = 1e100  # largest natural speed; beyond it parameters are outside the range of double precision
+LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
 
 
 class Flight(NamedTuple):
@@ -38,7 +38,7 @@ class Flight(NamedTuple):
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
-    sin0: Real  # of the forcing at the departure
+    sin0: Real  # sine of the forcing's phase at the departure
     cos0: Real
     delta: Real
     epsilon: Real
@@ -46,7 +46,7 @@ class Flight(NamedTuple):
 
 @inline
 def folded(tau):
-    """Return the phase in [0, 1); a tiny negative one would round up to 1."""
+    """Return the phase in [0, 1). A tiny negative phase gives 0, not 1."""
     fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
@@ -59,28 +59,29 @@ def wrapped(difference):
 
 @inline
 def natural_speed(delta, epsilon, beta):
-    """Return the speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700.
+    """Return the speed scale of motions, 1.5 √(16πδβ) + 2πε, which is 7 at (0.6, 0.1, 0.6) to a part in 700.
 
-    √(16πδβ) is reached across the gap under the drift, 2πε the largest speed of the forcing.
+    The drift across the gap reaches √(16πδβ); 2πε is the largest speed of the forcing.
 
     Returns
     -------
     float or ndarray
         Of the broadcast shape, never infinite.
     """
-    across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
+    # separate roots, because the product of δ and β may overflow
+    across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)
     return np.minimum(across + largest_slope(np.minimum(epsilon, FASTEST)), FASTEST)
 
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the scale of distances of speeds, beside phases: 1 at (0.6, 0.1, 0.6)."""
+    """Return the unit in which differences of speeds compare with differences of phases; 1 at (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 
 @inline
 def decay64(x):
-    """(e^(−x) − 1 + x)/x², x in [−0.05, 2]."""
+    """Return (e^(−x) − 1 + x)/x² for x in [−0.05, 2]."""
     return degree_12(coefficients.DECAY, x)
 
 
@@ -91,13 +92,13 @@ def decay32(x):
 
 
 def _law(real, decay, forced):
-    """Build the flight law in one precision: an inline kernel of straight-line code for vectorised loops."""
+    """Build the flight law in one precision, as an inline kernel of straight-line code for vectorised loops."""
     one, versines, turned, drop = real(1.0), forced.versines, forced.turned, forced.drop
     slowing, plus_acceleration_after = forced.slowing, forced.plus_acceleration_after
 
     @inline
     def evaluate(s, flight):
-        """F, F' and F'' after s, with 1 − e^(−δs) and the forcing's sine and cosine there; δs in [−0.05, 2]."""
+        """Return F, F', F'', 1 − e^(−δs), sine and cosine of the forcing at s; δs must lie in [−0.05, 2]."""
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
         x = delta * s
@@ -131,7 +132,7 @@ def leaving(tau, w, delta, epsilon, drift):
 
 @kernel
 def evaluate(s, flight):
-    """Return `evaluate_short` for any δs."""
+    """Return the result of `evaluate_short` for any δs."""
     w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)
@@ -145,19 +146,19 @@ def evaluate(s, flight):
 
 @inline
 def second_derivative(lost, sin1, cos1, flight):
-    """F'' from 1 − e^(−δs) and the forcing's sine and cosine after s."""
+    """Return F'' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     return plus_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
 
 
 @inline
 def third_derivative(lost, sin1, cos1, flight):
-    """F''' likewise."""
+    """Return F''' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.third_derivative(sin1, cos1, flight.epsilon) - delta * delta * flight.a * (1.0 - lost)
 
 
 @inline
 def fourth_derivative(lost, sin1, cos1, flight):
-    """F⁗ likewise."""
+    """Return F⁗ from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.fourth_derivative(sin1, cos1, flight.epsilon) + delta * delta * delta * flight.a * (1.0 - lost)

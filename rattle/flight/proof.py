@@ -1,4 +1,4 @@
-"""The proof that a root of a flight is its first impact: nothing of the flight before it touches a wall (compiled)."""
+"""The proof that an impact is the first of its flight: the flight touches no wall before (compiled)."""
 
 from numpy import float32 as f32
 from numpy import floor
@@ -14,15 +14,17 @@ from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, height_scale, speed_scale
 from rattle.flight.law import decay32, evaluate32
 from rattle.numerics.compile import inline
 
-LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
-LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
-STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
+LATER = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
+# longest step of fourth order whose remainder `last_step` can remove; after a longer one a second attempt is cheaper
+LARGEST_STEP = f32(0.05)
+# largest ratio of the terms of F to s |F'| at the impact; above it the time loses its thirteenth digit
+STEEPEST = f32(100.0)
 FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
 
 
 @inline
 def is_located(s, step, speed, flight):
-    """Return whether double precision may end what single precision began: a short step, and an impact but no graze."""
+    """Return whether double precision can complete the impact: the last step is short, and the impact is no graze."""
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
     return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
 
@@ -35,7 +37,7 @@ def arc_in_single(arc):
 
 @inline
 def arc_ahead(tau, arc):
-    """Return the times to the entry (0 inside) and to the exit of the next arc, and whether the departure is inside."""
+    """Return the times to the entry (0 if inside) and exit of the next arc, and whether the departure is inside it."""
     to_exit = arc.leave - tau
     to_exit -= floor(to_exit)
     inside = to_exit < arc.length
@@ -44,10 +46,10 @@ def arc_ahead(tau, arc):
 
 @inline
 def off_edges(to_exit, arc_length, delta):
-    """Return whether rounding cannot confuse the side of the arc that the departure is on.
+    """Return whether it is certain, despite rounding, that the departure is inside or outside the arc.
 
-    The departure is far from the ends of the arc then, and the damping so small that rounding of these times, 1e-7,
-    moves F' by less than ERROR allows.
+    It is certain if the departure is far from both ends of the arc, and the damping so small that the rounding of these
+    times, 1e-7, changes F' by less than ERROR allows.
 
     Returns
     -------
@@ -61,9 +63,9 @@ def off_edges(to_exit, arc_length, delta):
 def single_turn(wall, rising, tau, s, turn, flight, arc):
     """Return whether F' certainly changes sign at most once before s, given its sign at s.
 
-    Also e^(δs) F' must grow between that change and the place where it seemed to be. It grows where the contact force g
-    is positive and falls on the phase arc where g < 0, if there is one. So its sign where the arc is entered and left,
-    which needs no new sine, settles its signs everywhere else.
+    It must also be certain that e^(δs) F' grows between that change and its estimated place. It grows where the contact
+    force g is positive, and falls on the arc of phases where g < 0, if there is one. The signs at the entry and exit of
+    the arc, which need no new sine, therefore decide all others.
 
     Returns
     -------
@@ -93,9 +95,10 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
 
 @inline
 def lowest_point(s, minimum, delta):
-    """Return a lower bound of F up to s, if e^(δs) F' grows between the minimum and the point near it.
+    """Return a lower bound of F on [0, s], if e^(δs) F' grows between the true minimum and the estimated one.
 
-    There |F'| is at most e^(δs) tilt.
+    `minimum` is the estimate, with a lower bound of F and an upper bound of |F'| (`tilt`) there. Between both |F'| is
+    at most e^(δs) tilt.
 
     Returns
     -------
@@ -103,15 +106,15 @@ def lowest_point(s, minimum, delta):
         The bound, in the unit of F.
     """
     x = delta * s
-    growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # over LATER e^(LATER x), for x < 2
+    growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # an upper bound of LATER e^(LATER x) for x < 2
     return minimum.bound - minimum.tilt * s * growth
 
 
 @inline
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
-    """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻: it is too short for that, or turns above.
+    """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻, because it is too short or turns above Σ⁻.
 
-    Falling, |F'| stays below v + max (e'(t₀) − e') where a ≥ 0, which for one cosine is v + 2πε (1 − sin θ).
+    While Φ falls, |F'| stays below v + max (e'(t₀) − e') if A ≥ 0; for one cosine that is v + 2πε (1 − sin θ).
 
     Returns
     -------
@@ -126,11 +129,10 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 @inline
 def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
-    """Return whether a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, on it and after it.
+    """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall and turns before, on and after the arc.
 
-    It must also touch neither wall before s. Where e^(δs) F' is monotone, its values at the ends bound F' between them,
-    so F lies above or below the lines of these slopes through its own values at the ends: the two lines' crossing
-    bounds the extremum.
+    Where e^(δs) F' is monotone, its values at the ends bound F' between them. So F lies on one side of two lines
+    through its own values at the ends with these slopes, and the crossing of the lines bounds the extremum.
 
     Returns
     -------
@@ -146,14 +148,15 @@ def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end
-    steep = up / decay_entry  # F' between departure and entry is at most this, and at least w
+    steep = up / decay_entry  # before the entry to the arc F' lies between w and this
     first = w * (steep * to_entry - f_entry) / (steep - w)
-    steep = -down * decay_entry / decay_exit  # on the arc F' is between −steep and up
+    steep = -down * decay_entry / decay_exit  # on the arc F' lies between −steep and up
     top = f_entry + up * (f_exit - f_entry + steep * arc.length) / (up + steep)
     bend = delta * abs(flight.a) + largest_acceleration32(
         flight.epsilon
-    )  # at least |F''|: double precision may move the end by 1e-4
-    steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
+    )  # an upper bound of |F''|, because double precision may move the end by 1e-4
+    # after the exit from the arc F' lies between down and steep
+    steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end
     early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)
     behind = (minimum.time > to_exit + CLOSE) & (minimum.time < s)

@@ -8,7 +8,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
-    """∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ at fixed flight time; ∂F'/∂w₀ = e^(−δs)."""
+    """Return ∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ at fixed flight time; ∂F'/∂w₀ is e^(−δs)."""
     f_w = lost * inverse_delta
     f_t, v_t = derivatives_by_departure(f_w, 1.0 - lost, sin0, cos0, sin1, cos1, epsilon)
     return f_w, f_t, v_t
@@ -18,12 +18,12 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 def flight_tangent(w1, lost, sin1, cos1, flight):
     """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
-    F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; the impact law reflects the change of w₁.
+    F is fixed at the wall, so ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁. The impact law reflects the change of w₁.
 
     Returns
     -------
-    result
-        Four derivatives.
+    tuple of float
+        The four derivatives.
     """
     decay = 1.0 - lost
     sin0, cos0, inverse_delta = flight.sin0, flight.cos0, 1.0 / flight.delta
@@ -35,12 +35,13 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 
 @inline
 def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
-    """Return a tangent vector (dt, dw) carried over one flight and the reflection, and the flight's determinant.
+    """Return a tangent vector (dt, dw) carried over one flight and its impact, and the flight's determinant.
 
-    The determinant is e^(−δs) w₀/w₁ in absolute value.
+    The determinant is e^(−δs) w₀/w₁ in absolute value:
 
-    det = (w₁ ∂F'/∂w₀ − F'' ∂F/∂w₀ − ∂F/∂t₀ ∂F'/∂w₀ + ∂F/∂w₀ ∂F'/∂t₀)/w₁: the products with 1/w₁², large near grazing,
-    cancel by algebra.
+        det = (w₁ ∂F'/∂w₀ − F'' ∂F/∂w₀ − ∂F/∂t₀ ∂F'/∂w₀ + ∂F/∂w₀ ∂F'/∂t₀)/w₁.
+
+    The products with 1/w₁², which are large near grazing, cancel exactly.
 
     Returns
     -------

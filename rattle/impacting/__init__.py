@@ -1,4 +1,4 @@
-"""The gear whose walls do not give way (paper 2.3, 2.4), as functions of arrays: `rattle.stiff` has the same names."""
+"""The gear with rigid walls (paper 2.3, 2.4), as functions of arrays. `rattle.stiff` has the same function names."""
 
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.curves import trace

@@ -1,4 +1,4 @@
-"""Gear: one parameter point of the impacting gear model, and everything that can be asked of it."""
+"""`Gear`: one parameter point of the impacting gear model, and its methods."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class FirstImpact(NamedTuple):
 
 
 def _raise_for(status: int) -> None:
-    """Turn a kernel's status code into an exception."""
+    """Raise the exception that belongs to a kernel's status code."""
     if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
         raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
     if status == first_impact.NO_IMPACT:
@@ -50,7 +50,7 @@ def _raise_for(status: int) -> None:
 
 
 def is_elastic(restitution: Any, load: Any, harmonics: Any) -> bool:
-    """Return whether these belong to the elastic gear with one cosine and no load."""
+    """Return whether these values describe the elastic gear with one cosine and no load."""
     try:
         return float(restitution) == 1.0 and float(load) == 0.0 and len(harmonics) == 0
     except (TypeError, ValueError):
@@ -59,15 +59,29 @@ def is_elastic(restitution: Any, load: Any, harmonics: Any) -> bool:
 
 @dataclass(frozen=True, init=False)
 class Gear(Sampled, Rattling):
-    """Impacting gear model at one parameter point.
+    """The impacting gear model at one parameter point.
 
-    Damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless. With a coefficient of
-    restitution below 1, a load or harmonics it is an `InelasticGear`, which has the same methods but for those of
-    closed forms: `rattle.Gear(0.6, 0.1, 0.6, restitution=0.9)`.
+    Between the walls Φ = ±β
 
-    Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods.
-    States are (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other
-    parameters. Source: Mason and Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.3), (2.4).
+        Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt,
+
+    with elastic impacts; time is in forcing periods. A state (τ, v) is a departure from Σ⁺ (Φ = β) at phase τ ∈ [0, 1)
+    with velocity −v. With a coefficient of restitution below 1, a load or harmonics the result is an `InelasticGear`.
+    It has the same methods except those that need closed forms: `rattle.Gear(0.6, 0.1, 0.6, restitution=0.9)`.
+
+    Parameters
+    ----------
+    delta, epsilon, beta : float
+        Damping > 0, eccentricity ≥ 0 and half-backlash > 0, dimensionless.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is outside its domain.
+
+    References
+    ----------
+    Mason and Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.3), (2.4).
     """
 
     delta: float
@@ -78,7 +92,7 @@ class Gear(Sampled, Rattling):
     _resolution, _pairs = 1000, 8192
 
     def __new__(cls, *point: Any, restitution: Any = 1.0, load: Any = 0.0, harmonics: Any = (), **named: Any) -> Any:
-        """Return an `InelasticGear` where restitution, load or harmonics ask for one."""
+        """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
         other = import_module("rattle.inelastic.gear").InelasticGear  # imported late: that package builds on this one
@@ -94,27 +108,27 @@ class Gear(Sampled, Rattling):
         load: float = 0.0,  # noqa: ARG002
         harmonics: Sequence[Sequence[float]] = (),  # noqa: ARG002
     ) -> None:
-        """Keep the point; `__new__` has dealt with what makes the gear inelastic."""
+        """Set the parameters. `__new__` has already handled restitution, load and harmonics."""
         for name, value in (("delta", delta), ("epsilon", epsilon), ("beta", beta)):
             object.__setattr__(self, name, value)
         self.__post_init__()
 
     @property
     def sn1(self) -> float | None:
-        """ε at which A and C are born at this damping (paper 4.1); None where they are not born so (`rattle.sn1`)."""
+        """Eccentricity of SN1, where A and C are born at this damping (paper 4.1); None without SN1 (`rattle.sn1`)."""
         return _number_or_none(sn1(self.delta, self.beta))
 
     @property
     def flip(self) -> float | None:
-        """ε at which C loses stability at this damping (PDC, not in the paper).
+        """Eccentricity of the flip PDC, where C loses stability at this damping (not in the paper).
 
-        It is None where C ends before, in grazing G1, or does not exist (`rattle.flip`).
+        It is None if C ends in the graze G1 before, or does not exist (`rattle.flip`).
         """
         return _number_or_none(flip(self.delta, self.beta))
 
     @property
     def quiet_limit(self) -> float:
-        """ε from which permanent contact is impossible at this damping."""
+        """Eccentricity above which permanent contact is impossible at this damping."""
         return float(quiet_limit(self.delta))
 
     @property
@@ -125,14 +139,22 @@ class Gear(Sampled, Rattling):
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
         """Return the first impact after leaving a wall at this phase with this velocity into the gap.
 
-        Wall +1 is Φ = β, −1 is Φ = −β. Raises ParameterError if wall is not ±1, a number is not finite, or the velocity
-        is zero or points out of the gap.
+        Parameters
+        ----------
+        wall : int
+            +1 for Φ = β, −1 for Φ = −β.
+        phase, velocity : float
+            Phase of the departure, and its velocity, which must point into the gap.
 
         Returns
         -------
         FirstImpact
-            (flight_time, next_wall, impact_velocity), the time in forcing periods; the velocity is the one before
-            reflection.
+            (flight_time, next_wall, impact_velocity): the time in forcing periods, and the velocity before reflection.
+
+        Raises
+        ------
+        ParameterError
+            If wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _phase(phase)
@@ -168,9 +190,7 @@ class Gear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
-        """Return the (τ, v) that Π maps here, with the tangent matrix of Π⁻¹.
-
-        Raises the errors of `impact`.
+        """Return the state (τ, v) that Π maps to this one, with the tangent matrix of Π⁻¹; errors as in `impact`.
 
         Returns
         -------
@@ -185,10 +205,10 @@ class Gear(Sampled, Rattling):
         return Impact(tau0, v0, n_minus, tangent, time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
+        """Return the first departure from Σ⁺, (τ, v), of the motion with this phase, position Φ and velocity Φ'.
 
-        v is 0 if it comes to rest there before it departs. On a wall the velocity may be that before the impact, or
-        that after it.
+        The speed is 0 if the motion comes to rest before. On a wall the velocity may be the one before or after the
+        impact.
 
         Returns
         -------
@@ -223,9 +243,9 @@ class Gear(Sampled, Rattling):
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, over a number of forcing periods.
 
-        They are given at points even times, in closed form.
+        They are sampled at `points` equally spaced times, in closed form.
 
         Returns
         -------
@@ -240,9 +260,9 @@ class Gear(Sampled, Rattling):
         return orbits_at(self.delta, self.epsilon, self.beta)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
-        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺.
+        """Return the periodic motion near a departure (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-        It has its least period; see `periodic_orbit`.
+        The motion has its least period; see `periodic_orbit`.
 
         Returns
         -------
@@ -252,32 +272,38 @@ class Gear(Sampled, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return a saddle among `orbits`, for its manifolds. Raises RattleError if it is none."""
+        """Return an orbit of `orbits` as a saddle with manifolds. Raises RattleError if it is not a saddle."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
-        """Region 1…5 (I…V) of the paper's Figure 7; another set of orbits by its number in `rattle.REGIONS`."""
+        """Region 1…5 (I…V) of the paper's Figure 7. Other sets of orbits have numbers in `rattle.REGIONS`."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
         """Return the least speed v < v_max of an impact that takes quiet motion to another attractor, at any phase.
 
-        (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
-        limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, below δ = 0.3 in
-        proportion more, within a few per cent of that limit (docs/weak-damping.md); the phase; the least speed of a
-        sampled state that no attractor could be told for, inf if there is none: such states do not count as another
-        basin.
-
-        The speed is an upper bound: it does lose quiet motion. At a smooth boundary it is exact to 1e-5. Where basins
-        are thin or fractal it was never above the least of a grid of 1000 phases and 15 speeds an octave by more than
-        4 % at 55 points with β from 0.3 to 1.2, and by 38 % at one, where such states are one in 3000. A basin with
-        less than a thousandth of the plane may be missed altogether. Among long chaotic transients the last bit of a
-        state decides where it goes: not this one may leave, but one within 1e-12 of it. Raises ParameterError.
-
         Returns
         -------
         BoundaryDistance
-            (v, tau, undecided), dimensionless, τ in forcing periods.
+            (v, tau, undecided), dimensionless, τ in forcing periods. v is inf if every state found becomes quiet again,
+            and 0 from the quiet limit on. v is NaN if all other states are undecided, or if becoming quiet takes more
+            than 2048 impacts (in proportion more below δ = 0.3), as within a few per cent of that limit
+            (docs/weak-damping.md). tau is the phase. undecided is the least speed of an undecided state, inf if there
+            is none; such states do not count as another basin.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+
+        Notes
+        -----
+        The speed is an upper bound, because a state with this speed does leave quiet motion. At a smooth boundary it is
+        exact to 1e-5. For thin or fractal basins it was compared with the least speed on a grid of 1000 phases and 15
+        speeds per octave, at 56 points with β from 0.3 to 1.2: it exceeded that by at most 4 % at 55 points, and by 38
+        % at one, where such states are one in 3000. A basin with less than a thousandth of the plane may be missed.
+        Among long chaotic transients the last bit of a state decides its fate; there a state within 1e-12 of the given
+        one leaves quiet motion.
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))
@@ -288,10 +314,10 @@ class Gear(Sampled, Rattling):
         return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
-        """Return the grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10.
+        """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10.
 
-        In its pieces neighbouring points are no further apart in (τ, v) than spacing (at least 1e-4). Where speeds are
-        not those of the paper's plane, v counts in sevenths of the natural one (`basins`).
+        Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's range
+        of speeds, v counts in sevenths of the natural speed (`basins`).
 
         Returns
         -------
@@ -307,7 +333,7 @@ class Gear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return one finite phase folded into [0, 1)."""
+    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
     return float(law.folded(require_finite("phase", phase)))
 
 

@@ -1,4 +1,4 @@
-"""Functions that the package of any gear has for its plane and this one lacks: each says so."""
+"""Functions that the package of every gear has for its plane but that this gear lacks. Each raises an error."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import one_by_one
 
-stretch = one_by_one  # of chaotic motions
+stretch = one_by_one  # follows chaotic motions further
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
-    """Return False for every cell: contact that does not end is seen when its chatter is certain to complete."""
+    """Return False for every cell, because endless contact is recognised when its chatter is certain to complete."""
     return np.zeros(delta.size, np.bool_)
 
 
@@ -23,5 +23,5 @@ def _refused(what: str) -> NoReturn:
 
 
 def diagram(*_: Any, **__: Any) -> NoReturn:
-    """Raise RattleError."""
+    """Raise RattleError, because diagrams of the inelastic gear are not computed."""
     _refused("bifurcation diagrams")

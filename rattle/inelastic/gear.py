@@ -1,4 +1,4 @@
-"""InelasticGear: one parameter point of the gear with restitution, load and harmonics, and what can be asked of it."""
+"""`InelasticGear`: one parameter point of the gear with restitution, load and harmonics, and its methods."""
 
 from __future__ import annotations
 
@@ -45,25 +45,30 @@ class FirstInelasticImpact(NamedTuple):
 class InelasticGear(Sampled, Rattling):
     """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
 
-    Φ'' + δΦ' = δq + e'' + δe' between the walls Φ = ±β, with q = 4π(1 + load); Φ' → −r Φ' at a wall; time in forcing
-    periods. `rattle.Gear` makes one where it is given any of these.
+    Between the walls Φ = ±β
+
+        Φ'' + δΦ' = δq + e'' + δe',    q = 4π(1 + load),
+
+    and Φ' → −r Φ' at a wall; time is in forcing periods. `rattle.Gear` returns an InelasticGear if it is given a
+    restitution below 1, a load or harmonics.
 
     Parameters
     ----------
     delta, epsilon, beta : float
         Damping > 0, eccentricity ≥ 0 and half-backlash > 0.
     restitution : float
-        r, from 0 (excluded) to 1, elastic impacts.
+        r, from 0 (excluded) to 1 (elastic impacts).
     load : float
-        The torque beside the drag, over the drag's, ≥ 0.
+        Torque besides the drag, divided by the drag torque, ≥ 0.
     harmonics : sequence of (int, float, float)
-        Order k ≥ 2, amplitude α over that of the first harmonic, and phase φ in turns, of each harmonic beside it:
-        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. With (1, 0, 0) among them there is no first one, and ε is their scale.
+        Order k ≥ 2, amplitude α relative to the first harmonic, and phase φ in turns, of each further harmonic:
+        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. With (1, 0, 0) among them the first harmonic is absent, and ε is only the
+        scale.
 
     Raises
     ------
     ParameterError
-        A number is outside its domain; the message says what to do.
+        If a number is outside its domain; the message says what is allowed.
     """
 
     delta: float
@@ -82,11 +87,11 @@ class InelasticGear(Sampled, Rattling):
         for name in ("delta", "epsilon", "beta", "restitution", "load"):
             value = require_number(name, getattr(self, name), positive=name not in ("epsilon", "load"))
             object.__setattr__(self, name, value)
-        _ = self.parameters  # checks the rest
+        _ = self.parameters  # checks the remaining fields
 
     @property
     def parameters(self) -> Parameters:
-        """Its parameters, arrays (1,)."""
+        """Parameters of this gear, as arrays (1,)."""
         numbers = ([self.delta], [self.epsilon], [self.beta], [self.restitution], [self.load])
         return inelastic_points(*numbers, checked_harmonics(self.harmonics))
 
@@ -96,22 +101,22 @@ class InelasticGear(Sampled, Rattling):
 
     @property
     def quiet_limit(self) -> float:
-        """ε from which the contact force changes its sign, so that contact does not last for ever."""
+        """Eccentricity above which the contact force changes sign, so that permanent contact is impossible."""
         return quiet_limit(self.delta, DRIFT * (1.0 + self.load), self.harmonics)
 
     @property
     def force_zeros(self) -> NDArray[np.float64]:
-        """The phases at which the contact force changes its sign and contact phases end; none below the quiet limit."""
+        """Phases at which the contact force changes sign and contact phases end; none below the quiet limit."""
         return self._point.zeros.copy()
 
     @property
     def sn1(self) -> float | None:
-        """ε at which A and C are born under one cosine; None with harmonics."""
+        """Eccentricity at which A and C are born with one cosine; None with harmonics."""
         return None if self.harmonics else saddle_node(self.delta, self.restitution, self._point.drift)
 
     @property
     def flip(self) -> float | None:
-        """ε at which C loses stability under one cosine, if it still happens there; None with harmonics."""
+        """Eccentricity at which C loses stability with one cosine, if it is admissible there; None with harmonics."""
         return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:
@@ -125,9 +130,9 @@ class InelasticGear(Sampled, Rattling):
         Raises
         ------
         ParameterError
-            The wall is not ±1, or the velocity is zero or points out of the gap.
+            If the wall is not ±1, or the velocity is zero or points out of the gap.
         RattleError
-            There is no impact within 1000 forcing periods.
+            If there is no impact within 1000 forcing periods.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         speed = -wall * require_finite("velocity", velocity)
@@ -143,13 +148,19 @@ class InelasticGear(Sampled, Rattling):
     def impact(self, tau: float, v: float) -> Impact:
         """Return the impact map of a state (τ, v), v > 0, with its tangent matrix (2, 2): see `rattle.Gear.impact`.
 
-        A contact phase belongs to the step that begins with its chatter, and makes the tangent 0. Raises
-        ParameterError, and RattleError where the motion becomes quiet.
+        A contact phase belongs to the step that begins with its chatter. It makes the tangent 0.
 
         Returns
         -------
         Impact
             The next state on Σ⁺, impacts on Σ⁻ before it, tangent matrix, and time.
+
+        Raises
+        ------
+        ParameterError
+            If the state is outside its domain.
+        RattleError
+            If the motion becomes quiet.
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step_tangent(_phase(tau), v, self._point)
@@ -162,19 +173,19 @@ class InelasticGear(Sampled, Rattling):
         return iterate(self.delta, self.epsilon, tau, v, n, *others)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at `points` equally spaced times.
 
-        As `rattle.Gear.trajectory`; impact_speed is that of arrival. Raises ParameterError, and RattleError.
+        See `rattle.Gear.trajectory`; impact_speed is the speed of arrival. Raises ParameterError and RattleError.
 
         Returns
         -------
         Trajectory
-            Samples (points,), and all impacts on the way.
+            Samples (points,), and all impacts between them.
         """
         return trajectory(self._point, _phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the period-one motions that happen: A to D under one cosine, by letter; else P(1,1,0), each "P"."""
+        """Return the admissible period-one motions: A to D with one cosine; with harmonics P(1,1,0), each named "P"."""
         at = self.delta, self.epsilon, self.beta
         added = {"restitution": self.restitution, "load": self.load}
         if self.harmonics:
@@ -189,34 +200,34 @@ class InelasticGear(Sampled, Rattling):
         return period_one(self.delta, self.epsilon, self.beta, self.restitution, self.load)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
-        """Return the periodic motion near (τ, v) that repeats itself after n_plus returns: see `periodic_orbit`."""
+        """Return the periodic motion near (τ, v) that repeats after n_plus returns: see `periodic_orbit`."""
         return inelastic_orbit(self._point, _phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
-        """Raise RattleError: manifolds need an inverse map, which there is not where contact forgets the state."""
-        raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting one")
+        """Raise RattleError: manifolds need an inverse map, which does not exist where contact forgets the state."""
+        raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting gear")
 
     def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
-        """Raise RattleError: a motion is not followed from inside the gap, as after a shock."""
+        """Raise RattleError, because motions that begin inside the gap are not followed for this gear."""
         raise RattleError(
             "motions that begin inside the gap are not followed for the inelastic gear: give τ and v on Σ⁺"
         )
 
     def region(self) -> int:
-        """Return the region that the period-one motions make under one cosine.
+        """Return the region that the period-one motions define, with one cosine.
 
         Returns
         -------
         int
-            Its number in `rattle.REGIONS`.
+            Number in `rattle.REGIONS`.
 
         Raises
         ------
         RattleError
-            The forcing has harmonics, with which A to D are not known.
+            If the forcing has harmonics, for which A to D are unknown.
         """
         if self.harmonics:
-            raise RattleError("regions are those of one cosine: leave out the harmonics")
+            raise RattleError("regions are defined for a forcing of one cosine only: leave out the harmonics")
         return int(classify(self._period_one()))
 
     def _repr_html_(self) -> str:
@@ -224,12 +235,12 @@ class InelasticGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """One finite phase folded into [0, 1)."""
+    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
     return float(folded(require_finite("phase", phase)))
 
 
 def _raise_for(status: int) -> None:
-    """Turn a kernel's status code into an exception."""
+    """Raise the exception that belongs to a kernel's status code."""
     if status == IN_CONTACT:
         raise RattleError("the motion becomes quiet: contact with Σ⁺ never ends, and there is no next impact")
     if status != OK:

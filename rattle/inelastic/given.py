@@ -1,4 +1,4 @@
-"""Check what is given for an inelastic gear: restitution, load and harmonics."""
+"""Check the arguments of an inelastic gear: restitution, load and harmonics."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     Parameters
     ----------
     harmonics : iterable of (int, float, float)
-        Order from 2 on, amplitude over that of the first harmonic, phase in turns. (1, 0, 0) says that there is no
-        first harmonic: then ε is a scale, and amplitudes are over it.
+        Order ≥ 2, amplitude relative to the first harmonic, and phase in turns. (1, 0, 0) removes the first harmonic;
+        amplitudes are then relative to the scale ε.
 
     Returns
     -------
     tuple of Harmonic
-        They, with phases in [0, 1).
+        The harmonics, with phases in [0, 1).
 
     Raises
     ------
     ParameterError
-        They are no such list; the message says what to do.
+        If the argument is no such list; the message says what is allowed.
     """
     shape = "harmonics must be a list of (order, amplitude, phase), such as [(20, 0.0033, 0.0)]"
     try:

@@ -1,4 +1,4 @@
-"""The loudness of a motion: its impacts one by one, what they sum up to, their order spectrum, their sound."""
+"""The loudness of a motion: its impacts, their sums, their order spectrum, and their sound."""
 
 from rattle.intensity.intensity import natural_energy
 from rattle.intensity.sound import wav

@@ -1,8 +1,8 @@
-"""The balance of impulses of many attractors: an audit, as λ₁ + λ₂ = −δ is one.
+"""The balance of impulses of many attractors, a check of accuracy like λ₁ + λ₂ = −δ.
 
-The forcing has mean zero and Φ' returns, so the impacts of a lasting motion take up the drift: half of Σ impulses on Σ⁺
-less those on Σ⁻ is 2πδ per forcing period, 2πδ(1 + load) with a load, exactly over a period, and within (largest
-speed)/T over T of them.
+The forcing has mean zero and Φ' returns to its value, so the impacts of a bounded motion balance the drift. Half of the
+impulses on Σ⁺ minus those on Σ⁻ is 2πδ per forcing period, with a load 2πδ(1 + load). This is exact over a period, and
+holds to within (largest speed)/T over T forcing periods.
 """
 
 import math
@@ -19,16 +19,17 @@ from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, summed
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import point_of
 
-PERIODS, RELAXATIONS = 64.0, 8.0  # forcing periods, and times 1/δ, of a chaotic motion at least
+# least forcing periods, and least multiple of 1/δ, for which a chaotic motion is followed
+PERIODS, RELAXATIONS = 64.0, 8.0
 MOST_IMPACTS = 1_000_000
 
 
 @kernel
 def imbalances(cell, returns, periods, tau, v, cells, sums, found):
-    """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed.
+    """Write |balance/2πδ − 1| of the motions (n,) to `found`; NaN for one that cannot be followed.
 
-    Each motion is followed for `returns` or `periods` (n,), by default of chaos where neither ends. Sums (1, COLUMNS)
-    is worked in.
+    Each motion is followed for `returns` or `periods` (n,), whichever ends first; by default as long as chaos. `sums`
+    (1, COLUMNS) is scratch memory.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -49,7 +50,7 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     Parameters
     ----------
     cells : Any
-        As the kernels take them.
+        The record of cells for kernels.
 
     Returns
     -------

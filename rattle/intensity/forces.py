@@ -1,4 +1,4 @@
-"""The lines of the contact force, which every gear's point knows."""
+"""The Fourier terms of the contact force at a parameter point of any gear."""
 
 from functools import singledispatch
 from typing import Any
@@ -8,9 +8,9 @@ from rattle.flight.forcing import Forcing
 
 @singledispatch
 def force_lines(point: Any) -> list[tuple[float, complex]]:
-    """Return (frequency, size) of the contact force Σ size e^(i frequency t) of a point, the mean first.
+    """Return (frequency, size) of the terms of the contact force Σ size e^(i frequency t), the mean first.
 
-    Points whose forcing is not one cosine register a function of their own.
+    Points whose forcing is not one cosine register their own function.
 
     Returns
     -------

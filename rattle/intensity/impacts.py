@@ -17,12 +17,12 @@ ROOM, GROWTH = 1024, 8
 
 
 def impact_arrays(count: int) -> Impacts:
-    """Arrays for so many impacts."""
+    """Return empty arrays for `count` impacts."""
     return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
 
 
 def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
-    """Return the impacts of `Rattling.impacts`; the point is given as kernels take it."""
+    """Return the impacts of `Rattling.impacts`, from the parameter point for kernels."""
     kind = kind_of(motion)
     require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
@@ -49,19 +49,19 @@ def _of_point(point: Any, tau: float, v: float, returns: int, periods: float, ro
 def listed(
     tau: float, v: float, returns: int, periods: float, lister: Callable[..., Any]
 ) -> tuple[int, float, float, Impacts]:
-    """Return the status, the state at the end, and the impacts, MOST_IMPACTS at most.
+    """Return the status, the final state, and at most MOST_IMPACTS impacts.
 
     Parameters
     ----------
     tau, v, returns, periods
         As in `rattle.intensity.visit.list_impacts`.
     lister : callable
-        That kernel, with a point or a cell, which takes these and the arrays to write to.
+        That kernel, bound to a point or a cell; it takes these arguments and the arrays to fill.
 
     Returns
     -------
     tuple
-        Status, τ and v at the end, and `Impacts`, MOST_IMPACTS at most.
+        Status, final τ and v, and `Impacts`.
     """
     room = ROOM
     while True:
@@ -73,7 +73,7 @@ def listed(
 
 
 def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
-    """Return the impacts of one period over and over, for so many forcing periods; once if these are infinite."""
+    """Return the impacts of one period repeated over `periods` forcing periods; once if that is infinite."""
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)

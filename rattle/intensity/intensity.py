@@ -1,4 +1,4 @@
-"""How hard a motion rattles, per forcing period: exact over a period, with error bars over a watch of chaos."""
+"""How hard a motion rattles, per forcing period: exact for a periodic motion, with error bars for chaos."""
 
 import math
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 class Errors(NamedTuple):
-    """95 % half-widths of the quantities of `Intensity` that have the same names; 0 where these are exact."""
+    """95 % half-widths of the fields of `Intensity` with the same names; 0 where these are exact."""
 
     impacts_plus: float
     impacts_minus: float
@@ -56,15 +56,25 @@ UNKNOWN = Errors(*(math.nan for _ in EXACT))
 
 @dataclass(frozen=True)
 class Intensity:
-    """The loudness of a motion: dimensionless numbers per forcing period, which is a revolution of the eccentric gear.
+    """The loudness of a motion: dimensionless numbers per forcing period (one revolution of the eccentric gear).
 
-    impacts_plus, impacts_minus: on Σ⁺ and Σ⁻ (stiff gear: contacts begun). mean_speed, largest_speed: of arrival; chaos
-    may have larger ones than were seen. energy: Σv²/2 of arrival, which the impacts hand over; with restitution r they
-    keep (1 − r²) of it. contact: share of the time in contact (impacting gear: 1 if quiet, else 0). impulse: half of Σ
-    impulses on Σ⁺ less those on Σ⁻, for the impacting gear Σv₊ − Σv₋: 2πδ in every motion that lasts, 2πδ(1 + load)
-    with a load, an audit. Quiet: 0 but for the last two. Undecided: NaN. A run of impacts that ends in contact counts
-    as one impact, as its label does, with the speed of its fastest one in the mean; energy and impulse are summed over
-    its infinitely many impacts.
+    For quiet motion all are 0 except `contact` and `impulse`; for undecided samples all are NaN. A run of impacts that
+    ends in contact counts as one impact, as in its label, with its largest speed in the mean; energy and impulse are
+    summed over its infinitely many impacts.
+
+    Attributes
+    ----------
+    impacts_plus, impacts_minus
+        Impacts on Σ⁺ and Σ⁻ (stiff gear: contacts begun).
+    mean_speed, largest_speed
+        Of arrival. Chaos may reach larger speeds than observed.
+    energy
+        Σv²/2 of arrival, which the impacts transfer; with restitution r they keep the share 1 − r².
+    contact
+        Share of the time in contact (impacting gear: 1 if quiet, else 0).
+    impulse
+        Half of the impulses on Σ⁺ minus those on Σ⁻; for the impacting gear Σv₊ − Σv₋. It is 2πδ in every bounded
+        motion, 2πδ(1 + load) with a load, which checks the accuracy.
     """
 
     impacts_plus: float
@@ -78,25 +88,30 @@ class Intensity:
 
     @property
     def impacts(self) -> float:
-        """Impacts on both walls."""
+        """Impacts on both walls per forcing period."""
         return self.impacts_plus + self.impacts_minus
 
     def level(self, reference: float) -> float:
-        """Return the energy in dB relative to this energy per forcing period.
+        """Return the energy in dB relative to `reference`, an energy per forcing period.
 
-        Raises ParameterError. A and C, one impact of speed 2πδ, have 2π²δ²: `natural_energy`.
+        A and C, with one impact of speed 2πδ, have the energy 2π²δ² (`natural_energy`).
 
         Returns
         -------
         float
-            dB; −inf if nothing impacts.
+            dB; −inf if there are no impacts.
+
+        Raises
+        ------
+        ParameterError
+            If the reference is not positive.
         """
         ratio = self.energy / require_number("reference", reference, positive=True)
         return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)
 
 
 def natural_energy(delta: Any) -> Any:
-    """Energy per forcing period of A and C, which have one impact of speed 2πδ: a reference for levels."""
+    """Return the energy per forcing period of A and C, one impact of speed 2πδ, as a reference for levels."""
     return 0.5 * (0.5 * mean_force(delta)) ** 2
 
 
@@ -104,7 +119,7 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
-    """Return the numbers of `Rattling.intensity`; the point is given as kernels take it."""
+    """Return the result of `Rattling.intensity`, from the parameter point for kernels."""
     kind = kind_of(motion)
     if kind == "quiet":
         mean = force_lines(point)[0][1].real
@@ -132,7 +147,7 @@ def _intensity(sums: Array, errors: Errors) -> Intensity:
 
 
 def rates(sums: Array) -> tuple[Array, ...]:
-    """Return the quantities of `Intensity` in their order, each (…,), from sums (…, batches, COLUMNS)."""
+    """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS)."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]
     return (
@@ -147,7 +162,7 @@ def rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Return the half-widths of `Errors` in their order from sums (…, BATCHES, COLUMNS): ratio estimates over batches.
+    """Return the fields of `Errors` in order, from sums (…, BATCHES, COLUMNS), as ratio estimates over batches.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Motions whose impacts are asked for: what they say of themselves, and whether they go on as they say."""
+"""The label of a motion whose impacts are wanted, and checks that it moves as its label says."""
 
 import math
 from typing import Any, Protocol
@@ -11,16 +11,17 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.orbits.iterates import MOST_IMPACTS
 
-CLOSED = 1e-6  # a motion comes back to where it began, speeds over its largest, to this
-BATCH, RELAXATIONS = 1000.0, 10.0  # forcing periods, and times 1/δ, of a batch at least
-ENDLESS = 1 << 62  # returns
-ROUNDING = 1e-9  # forcing periods by which the impact that ends a period may seem to be too early or too late
+CLOSED = 1e-6  # largest distance between start and end of a period, with speeds relative to the largest
+BATCH, RELAXATIONS = 1000.0, 10.0  # least forcing periods, and least multiple of 1/δ, of a batch
+ENDLESS = 1 << 62  # number of returns that stands for no limit
+ROUNDING = 1e-9  # rounding error, in forcing periods, of the impact that ends a period
 
 
 class Motion(Protocol):
-    """Motion that has a state and a label: an `Attractor`, an `Orbit`, a periodic motion of either gear.
+    """A motion with a state and a label: an `Attractor`, an `Orbit`, or a periodic motion of any gear.
 
-    It may have the kind of an attractor, without which it is periodic, and a number of contact phases, by default 0.
+    It may have the kind of an attractor; without it the motion is periodic. It may have a number of contact phases, by
+    default 0.
     """
 
     @property
@@ -29,19 +30,19 @@ class Motion(Protocol):
 
     @property
     def v(self) -> float:
-        """Return the motion's speed at the departure from Σ⁺."""
+        """Speed at the departure from Σ⁺."""
 
     @property
     def m(self) -> int:
-        """Forcing periods of a period."""
+        """Forcing periods in a period of the motion."""
 
     @property
     def n_plus(self) -> int:
-        """Impacts on Σ⁺ in it."""
+        """Impacts on Σ⁺ in a period of the motion."""
 
 
 def kind_of(motion: Motion) -> str:
-    """Quiet, periodic, chaotic or undecided. Raises ParameterError."""
+    """Return the kind of a motion: quiet, periodic, chaotic or undecided. Raises ParameterError."""
     kind = getattr(motion, "kind", "periodic")
     require(kind in ("quiet", "periodic", "chaotic", "undecided"), f"there is no motion of kind {kind!r}")
     if kind != "quiet":
@@ -50,46 +51,46 @@ def kind_of(motion: Motion) -> str:
 
 
 def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
-    """Return the limits of returns and forcing periods that end one period of periodic motions.
+    """Return the limits of returns and of forcing periods that end one period of periodic motions.
 
-    Impacts on Σ⁺ end it where there is no contact. Labels count a run of impacts that ends in contact once, so time
-    ends it there; the state of such a motion is its fastest impact on Σ⁺, before which there is no impact for longer
-    than rounding.
+    Without contact the number of impacts on Σ⁺ ends a period. Labels count a run of impacts that ends in contact once,
+    so with contact the time ends it. The state of such a motion is its fastest impact on Σ⁺, and the impact before it
+    is earlier by more than rounding.
 
     Parameters
     ----------
     m, n_plus, contacts : int or ndarray
-        Their labels, of one shape.
+        Labels of the motions, of one shape.
 
     Returns
     -------
     returns, periods : int and float, or ndarray
-        The limits, of which one is without bound.
+        The limits, one of which is infinite.
     """
     held = np.asarray(contacts) > 0
     return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
 
 
 def limits_of(motion: Motion) -> tuple[int, float]:
-    """Return what `period_limits` does for one motion."""
+    """Return the result of `period_limits` for one motion."""
     returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
     return int(returns), float(periods)
 
 
 def contacts_of(motion: Motion) -> int:
-    """Return the contact phases of a motion in a period."""
+    """Return the number of contact phases of a motion in a period."""
     return int(getattr(motion, "contacts", 0))
 
 
 def watched_periods(delta: float, periods: float | None) -> float:
-    """Return the forcing periods of an observation.
+    """Return the forcing periods for which a chaotic motion is followed.
 
-    The default is so long that batches are long against the time in which motions forget.
+    By default batches are long compared with the time over which motions lose their memory.
 
     Returns
     -------
     float
-        Forcing periods, the argument if it is one.
+        The argument `periods`, if given.
     """
     if periods is None:
         return BATCHES * max(BATCH, RELAXATIONS / delta)
@@ -97,18 +98,18 @@ def watched_periods(delta: float, periods: float | None) -> float:
 
 
 def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
-    """Raise RattleError unless a motion is back where it began after all its impacts on Σ⁺."""
+    """Raise RattleError unless a motion is back at its start after all its impacts on Σ⁺."""
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(
-            f"the motion does not come back to tau = {motion.tau}, v = {motion.v} after {motion.n_plus} impacts on Σ⁺: "
+            f"the motion does not return to tau = {motion.tau}, v = {motion.v} after {motion.n_plus} impacts on Σ⁺: "
             "give a periodic motion of this very gear, with all its digits"
         )
 
 
 def require_lasting(status: int, time: float, periods: float) -> None:
-    """Raise RattleError unless a motion could be followed for so many forcing periods."""
+    """Raise RattleError unless a motion was followed for `periods` forcing periods."""
     if status != OK:
         raise RattleError(f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods")
     if time < periods:
-        raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer than {time:g} periods")
+        raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: choose fewer than {time:g} periods")

@@ -1,4 +1,4 @@
-"""Answer questions about the impacts of a motion, for any gear."""
+"""Methods of every gear that measure how hard its motions rattle."""
 
 import math
 from abc import ABC, abstractmethod
@@ -16,37 +16,51 @@ from rattle.intensity.visit import Impacts
 
 
 class Rattling(ABC):
-    """A gear whose motions rattle. A motion is one of its `Attractor`, `Orbit` or periodic motions."""
+    """Base class with the methods that measure how hard a gear's motions rattle.
+
+    A motion is given as one of the gear's `Attractor`, `Orbit` or periodic motions.
+    """
 
     @property
     @abstractmethod
     def _point(self) -> Any:
-        """Return the gear's parameters, as kernels take them."""
+        """Return the gear's parameters for kernels."""
 
     @property
     def _stiffness(self) -> float:
-        """The stiffness of its walls."""
+        """Return the stiffness of the walls."""
         return math.inf
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
         """Return how hard a motion rattles: impacts, speeds and energy per forcing period.
 
-        Periodic: over one period, to rounding. Chaotic: over a watch of so many forcing periods (by default 32,000, or
-        320/δ if that is more) from its (τ, v) on, with error bars from 32 batches of it. Quiet: nothing. Raises
-        ParameterError, and RattleError where the motion is none of this gear's or comes to rest.
+        Parameters
+        ----------
+        motion
+            A motion of this gear. A periodic one is evaluated over one period, to rounding. A chaotic one is followed
+            from its (τ, v), with error bars from 32 batches. A quiet one has no impacts.
+        periods : float, optional
+            Forcing periods for which chaos is followed; by default 32,000, or 320/δ if that is more.
 
         Returns
         -------
         Intensity
-            Dimensionless, per forcing period; error bars are 0 where a motion is periodic or quiet.
+            Dimensionless, per forcing period; error bars are 0 for periodic and quiet motions.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If the motion does not belong to this gear, or comes to rest.
         """
         return intensity(motion, self._point, periods)
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
-        """Return the impacts of a motion on both walls in this number of forcing periods from the departure (τ, v) on.
+        """Return the impacts of a motion on both walls over `periods` forcing periods from the departure (τ, v) on.
 
-        For a periodic motion the default is its period. Of a chatter that ends in contact, the impacts are those above
-        rounding, the last of which has the contact phase for its duration. Raises the errors of `intensity`.
+        The default for a periodic motion is its period. A chatter that ends in contact is listed down to rounding; its
+        last impact has the duration of the contact phase. Errors are those of `intensity`.
 
         Returns
         -------
@@ -58,9 +72,9 @@ class Rattling(ABC):
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
         """Return the order spectrum of the contact force, from order 0 to the highest.
 
-        Periodic or quiet: its lines, exact, that of order 0 being −4πδ(1 + load): over elastic impacts at ±β amplitude
-        = (1/m) Σ ∓2v e^(−2πi order t). Chaotic: its density every 1/resolution, with its confidence, from 256 segments
-        of `resolution` forcing periods. Raises as `intensity`.
+        A periodic or quiet motion has exact lines. For elastic impacts at ±β the amplitude is (1/m) Σ ∓2v e^(−2πi order
+        t); that of order 0 is −4πδ(1 + load). A chaotic motion has a density at steps of 1/resolution with its
+        confidence, from 256 segments of `resolution` forcing periods. Errors are those of `intensity`.
 
         Returns
         -------
@@ -78,10 +92,11 @@ class Rattling(ABC):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> NDArray[np.float64]:
-        """Return the sound of a motion at this speed, from the departure (τ, v) on.
+        """Return the sound of a motion at a speed of rotation, from the departure (τ, v) on.
 
-        Each impact rings at `ring` Hz and dies away by e in `decay` seconds, as loud as its impulse (dimensionless).
-        What a gearbox makes of it is another matter. Quiet: silence. Raises as `intensity`.
+        Each impact rings at `ring` Hz and decays by a factor e in `decay` seconds; its loudness is its dimensionless
+        impulse. The transfer path of a gearbox is not modelled. A quiet motion gives silence. Errors are those of
+        `intensity`.
 
         Returns
         -------

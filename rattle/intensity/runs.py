@@ -1,7 +1,7 @@
 """Sums over the impacts of a motion with contact phases, whose chatters have infinitely many impacts.
 
-A run of impacts on one wall that ends in contact counts as one impact, as labels count it, and has the speed of its
-fastest one in the mean. Squares of speeds and impulses are summed over all impacts.
+A run of impacts on one wall that ends in contact counts as one impact, as in labels, with its largest speed in the
+mean. Squares of speeds, and impulses, are summed over all impacts.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from rattle.orbits.return_map import point_of
 def list_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
-    """Do `list_impacts` for one of many cells."""
+    """Do the work of `list_impacts` for one of many cells."""
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 
@@ -45,7 +45,7 @@ def _in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods:
 def listed_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Return what `rattle.intensity.impacts.listed` does, in one of many cells."""
+    """Return the result of `rattle.intensity.impacts.listed` in one of many cells."""
     return listed(tau, v, returns, periods, partial(_in_cell, cell, cells))
 
 
@@ -55,17 +55,17 @@ def sums_of(impacts: Impacts, m: int) -> NDArray[np.float64]:
     Parameters
     ----------
     impacts : Impacts
-        All impacts of the period, from any one on.
+        All impacts of the period, beginning with any of them.
     m : int
         Forcing periods.
 
     Returns
     -------
     ndarray, (COLUMNS,)
-        What `rattle.intensity.visit.summed` gathers, with each run that ends in contact as one impact.
+        The sums of `rattle.intensity.visit.summed`, with each run that ends in contact as one impact.
     """
     held = np.flatnonzero(impacts.duration > 0.0)
-    first = held[-1] + 1 if held.size else 0  # the period begins after a contact phase, so that it cuts no run
+    first = held[-1] + 1 if held.size else 0  # begin the period after a contact phase, so that no run is cut
     wall, speed, duration, impulse = (
         np.roll(x, -first) for x in (impacts.wall, impacts.speed, impacts.duration, impacts.impulse)
     )

@@ -1,4 +1,4 @@
-"""Synthesise the sound of a motion: each impact rings, as a damped oscillation of its impulse."""
+"""Synthesise the sound of a motion: each impact excites a damped oscillation in proportion to its impulse."""
 
 import io
 import math
@@ -15,13 +15,13 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_SAMPLES = 50_000_000
-LOUDEST = 32767 * 9 // 10  # of 16 bits
+LOUDEST = 32767 * 9 // 10  # full volume, as a 16-bit sample
 
 
 def sound(
     motion: Motion, point: Any, stiffness: float, rpm: float, seconds: float, rate: int, ring: float, decay: float
 ) -> NDArray[np.float64]:
-    """Return the samples of `Rattling.sound`; the point is given as kernels take it."""
+    """Return the samples of `Rattling.sound`, from the parameter point for kernels."""
     rpm, seconds = require_number("rpm", rpm, positive=True), require_number("seconds", seconds, positive=True)
     ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
     rate = require_integer("rate", rate, 1, MOST_SAMPLES)
@@ -29,14 +29,14 @@ def sound(
     require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: ask for fewer seconds")
     turn = 60.0 / rpm
     impacts = impacts_of(motion, point, seconds / turn)
-    # on rigid walls the force of a contact phase presses, and does not strike
+    # on rigid walls the force of a contact phase is static and makes no sound
     strikes = impacts.speed + impacts.departure if math.isinf(stiffness) else impacts.impulse
     return np.asarray(rung((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay))
 
 
 @kernel
 def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
-    """Σ size e^(−s/decay) sin(2π ring s), s the time since each strike, at so many samples; times (n,) rise."""
+    """Return Σ size e^(−s/decay) sin(2π ring s) at `count` samples, s the time since each strike; times (n,) rise."""
     heard, x, y, j = np.empty(count), 0.0, 0.0, 0
     fade = math.exp(-1.0 / (decay * rate))
     c, s = fade * math.cos(TWO_PI * ring / rate), fade * math.sin(TWO_PI * ring / rate)
@@ -53,7 +53,7 @@ def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: 
 
 
 def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
-    """Return a WAV file of 16 bits of samples (n,), of which full_scale, by default the loudest, has full volume.
+    """Return a 16-bit WAV file of samples (n,). `full_scale`, by default the largest sample, has full volume.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
     ParameterError
         If an argument is outside its domain.
     """
-    from scipy.io import wavfile  # a tenth of a second to load
+    from scipy.io import wavfile  # imported here because it takes a tenth of a second to load
 
     if full_scale is None:
         full_scale = float(np.abs(heard).max(initial=0.0)) or 1.0

@@ -1,12 +1,13 @@
-"""The order spectrum of the contact force: lines of periodic motions, a density with confidence of chaos.
+"""The order spectrum of the contact force: lines for periodic motions, a density with confidence for chaos.
 
-An order is a frequency in units of the forcing's. The contact force of the impacting gear is its impulses. In contact
-the stiff gear has x'' + δx' + 2kx = h from depth 0, entered with speed u at t, to depth 0, left with w at t + d, so
+An order is a frequency in units of the forcing frequency. In the impacting gear the contact force consists of impulses.
+In a contact of the stiff gear x'' + δx' + 2kx = h from depth 0, entered with speed u at t, to depth 0, left with speed
+w at t + d, so exactly
 
-    ∫ 2kx e^(−iωs) ds = T(ω) (u e^(−iωt) + w e^(−iω(t + d)) + ∫ h e^(−iωs) ds),      T = 2k/(2k − ω² + iδω),
+    ∫ 2kx e^(−iωs) ds = T(ω) (u e^(−iωt) + w e^(−iω(t + d)) + ∫ h e^(−iωs) ds),      T = 2k/(2k − ω² + iδω).
 
-exactly; for k → ∞, T = 1 and d = 0, these are the impulses u + w = 2u. With restitution r they are u + w = (1 + r)u,
-and the impact that ends in contact, of a duration d, is left with w = 0.
+For k → ∞, T = 1 and d = 0, these are the impulses u + w = 2u. With restitution r they are u + w = (1 + r)u, and the
+impact that ends in contact of duration d is left with w = 0.
 """
 
 from __future__ import annotations
@@ -28,15 +29,17 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_ORDERS = 1 << 20
-LARGEST_MATRIX = 1 << 22  # orders times impacts that are worked out at once
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # of a contact: exact up to orders of some 1/duration
-SEGMENTS = 8 * BATCHES  # of a density; half as many do not overlap
+LARGEST_MATRIX = 1 << 22  # largest number of orders times impacts that is evaluated at once
+# quadrature over a contact, accurate for orders up to about 1/duration
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
+SEGMENTS = 8 * BATCHES  # segments of a density; half as many do not overlap
 
 
 class Lines(NamedTuple):
-    """The force of a periodic or quiet motion: Σ_k amplitude e^(2πi order t) over orders k/m of both signs.
+    """The force of a periodic or quiet motion, Σ_k amplitude e^(2πi order t) over orders k/m of both signs.
 
-    order (n,): those from 0 on; amplitude (n,), complex, dimensionless; that of −order is its conjugate.
+    order (n,) holds the orders from 0 on; amplitude (n,) is complex and dimensionless. The amplitude of a negative
+    order is the complex conjugate.
     """
 
     order: Array
@@ -44,10 +47,10 @@ class Lines(NamedTuple):
 
 
 class Density(NamedTuple):
-    """The spectral density of the force of a chaotic motion, of both signs of the order: ∫ density is power.
+    """The spectral density of the force of a chaotic motion, over both signs of the order: its integral is the power.
 
-    order (n,), density (n,) and its 95 % interval (n,) each, which is right where the spectrum is smooth: the part that
-    keeps step with the forcing makes peaks at whole orders, five orders' spacings wide.
+    order (n,), density (n,) and its 95 % interval (n,) each. The interval is valid where the spectrum is smooth. The
+    part that is synchronous with the forcing makes peaks at whole orders, five steps wide.
     """
 
     order: Array
@@ -57,12 +60,14 @@ class Density(NamedTuple):
 
 
 def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resolution: int) -> Lines | Density:
-    """Return the spectrum of `Rattling.spectrum`; the point is given as kernels take it."""
+    """Return the result of `Rattling.spectrum`, from the parameter point for kernels."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
     kind = kind_of(motion)
     if kind == "undecided":
-        raise RattleError("the motion is undecided: it may not last, and has no spectrum")
+        raise RattleError(
+            "the motion is undecided, so it may be a transient without a spectrum: choose a decided attractor"
+        )
     spacing = 1.0 / {"quiet": 1, "periodic": motion.m, "chaotic": resolution}[kind]
     count = int(highest / spacing * (1.0 + 1e-12)) + 1
     require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: lower the highest")
@@ -79,13 +84,13 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """T at these orders (any shape)."""
+    """Return T at these orders (any shape)."""
     omega = TWO_PI * np.asarray(order, np.float64)
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
 
 def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
-    """∫ e^(−2πi order t) of the force that pushes away from Σ⁺ in these impacts, at orders (n,)."""
+    """Return ∫ e^(−2πi order t) of the force that these impacts exert away from Σ⁺, at orders (n,)."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
@@ -95,7 +100,7 @@ def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> ND
 
 
 def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the sum in the formula above, of each impact."""
+    """Return the sum in the formula of this module, for each impact."""
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
@@ -107,13 +112,13 @@ def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.compl
 
 
 def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
-    """∫ e^(i frequency t) over the durations."""
+    """Return ∫ e^(i frequency t) over the durations."""
     middle = begin + 0.5 * duration
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
 
 
 def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the lines of the contact force at whole orders from 0 on."""
+    """Return the Fourier terms of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
     for frequency, size in force_lines(point):
         if 0 <= round(frequency / TWO_PI) < order.size:
@@ -122,17 +127,17 @@ def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
 
 
 def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
-    """Return Welch's estimate over half overlapping segments under Hann's window.
+    """Return Welch's estimate over half-overlapping segments with Hann's window.
 
-    The transform is of the train itself, so that nothing is sampled and no order is folded onto another. Degrees of
-    freedom: Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
+    The exact train of impulses is transformed, so nothing is sampled and no order is aliased. Degrees of freedom:
+    Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
 
     Returns
     -------
     Density
         With its degrees of freedom, from which its confidence follows.
     """
-    from scipy.special import chdtri  # takes longer to load than all else here
+    from scipy.special import chdtri  # imported here because it is slow to load
 
     time, weight = _pushes(impacts, point)
     begin = start + 0.5 * length * np.arange(SEGMENTS)
@@ -145,7 +150,7 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
 
 
 def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
-    """Return when and how much the walls push (n,), by rising times; a contact's force at a few nodes of it."""
+    """Return times, rising, and sizes of the walls' impulses (n,). The force of a contact is sampled at a few nodes."""
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
@@ -163,7 +168,7 @@ def periodograms(
 ) -> Array:
     """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, at k (count,).
 
-    Impulses of segment q are first[q] to last[q]; they begin at begin[q].
+    Segment q begins at begin[q] and has the impulses first[q] to last[q].
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The loudness of the attractors of many cells, all rows of a table at once."""
+"""The loudness of the attractors of many cells, for all rows of a table at once."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,18 +20,18 @@ from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS
 from rattle.orbits.return_map import point_of
 
-STRETCH = 512.0  # forcing periods of a chaotic motion, where damping is strong
+STRETCH = 512.0  # forcing periods for which a chaotic motion is followed at strong damping
 
 Array = NDArray[np.float64]
-#: From cells, states and factors of length (n,), and all cells, to batch sums (n, BATCHES, COLUMNS).
+#: A function of cells, states and length factors (n,), and the record of cells; returns sums (n, BATCHES, COLUMNS).
 Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 
 
 class Intensities(NamedTuple):
-    """The quantities of `Intensity` of every attractor of a table, arrays (n,), and 95 % half-widths where it has them.
+    """The fields of `Intensity` for every attractor of a table, arrays (n,), with 95 % half-widths.
 
-    Half-widths are 0 where a value is exact, and come from 32 batches of chaos. NaN: undecided, or chaos that came to
-    rest while it was watched.
+    Half-widths are 0 where a value is exact, and come from 32 batches for chaos. Undecided rows are NaN, as is chaos
+    that became quiet during the observation.
     """
 
     impacts_plus: Array
@@ -49,12 +49,13 @@ class Intensities(NamedTuple):
     impulse_error: Array
 
 
-EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # fields that are no errors; those of quiet motion but the impulse
+# number of fields that are not errors; their values for quiet motion, except the impulse
+EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @kernel
 def once_around(cell, n_plus, tau, v, cells, sums):
-    """Add up sums (n, COLUMNS), zero before, over a period of each motion (n,); NaN of one that does not close."""
+    """Add the impacts of one period of each motion (n,) to sums (n, COLUMNS), zero before; NaN if it does not close."""
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         status, tau1, v1, _time = summed(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
@@ -71,7 +72,7 @@ def mean_forces(cell, cells, found):
 
 
 def _with_contact(table: AttractorTable, row: int, cells: Any) -> Array:
-    """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN where it does not close."""
+    """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN if it does not close."""
     tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
     returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
     status, tau1, v1, found = listed_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
@@ -81,9 +82,9 @@ def _with_contact(table: AttractorTable, row: int, cells: Any) -> Array:
 
 @kernel
 def sums_over_periods(cell, tau, v, periods, cells, sums):
-    """Add up sums (n, BATCHES, COLUMNS), zero before, over so many forcing periods (n,) of each motion (n,).
+    """Add the impacts of `periods` (n,) forcing periods of each motion (n,) to sums (n, BATCHES, COLUMNS), zero before.
 
-    NaN of one that comes to rest.
+    The sums of a motion that becomes quiet are NaN.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -93,7 +94,7 @@ def sums_over_periods(cell, tau, v, periods, cells, sums):
 
 
 def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """Return the `Stretch` of a gear without lanes."""
+    """Return the sums of a `Stretch` for a gear without lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
     sums_over_periods(cell, tau, v, STRETCH * longer, cells, sums)
     return sums
@@ -102,12 +103,17 @@ def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cel
 def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
     """Return how hard every attractor of a table rattles.
 
-    Exactly over a period, and of chaos over a stretch that costs a few per cent of its classification.
+    The result is exact for periodic motions. Chaos is followed for a time that costs a few per cent of its
+    classification.
 
     Parameters
     ----------
+    table : AttractorTable
+        The attractors.
     cells : Any
-        As the kernels take them.
+        The record of cells for kernels.
+    stretch : Stretch
+        The function that follows chaotic motions.
 
     Returns
     -------

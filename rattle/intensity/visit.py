@@ -1,7 +1,7 @@
-"""A motion from impact to impact on either wall: a list of them, and what they sum up to (compiled).
+"""Follow a motion from impact to impact on either wall, and list or sum its impacts (compiled).
 
-The type of the point says which gear is meant: `bounce` is that of its kind. An impact of the stiff gear is a contact,
-which a flight begins. A contact phase of the inelastic gear is the duration of the impact before it.
+The type of the point selects the gear's `bounce`. For the stiff gear an impact is a contact, with the flight before it.
+For the inelastic gear a contact phase is the duration of the impact before it.
 """
 
 from typing import Any, NamedTuple
@@ -10,18 +10,31 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import inline, kernel
 
-COLUMNS = 8  # of sums: what `summed` gathers
+COLUMNS = 8  # columns of the sums of `summed`
 TIME, ON_PLUS, ON_MINUS, SPEED, SQUARE, CONTACT, IMPULSE, FASTEST = range(COLUMNS)
 
 
 class Impacts(NamedTuple):
-    """Impacts in their order, arrays (n,).
+    """Impacts in order, arrays (n,).
 
-    time: when each begins, in forcing periods, whole ones at phase 0; wall: +1 (Φ = β) or −1; speed and departure: of
-    arrival and of departure; duration: of the contact, in forcing periods; impulse: by how much it turns Φ' away from
-    the wall. In the impacting model departure is speed, duration 0 and impulse twice the speed; with restitution r
-    departure is r times the speed. Of a chatter that ends in contact the impacts above rounding are listed; the last
-    of them has departure 0, the contact phase for its duration, and an impulse that includes the force in contact.
+    Attributes
+    ----------
+    time
+        When each impact begins, in forcing periods; whole numbers are at phase 0.
+    wall
+        +1 (Φ = β) or −1.
+    speed, departure
+        Speed of arrival and of departure.
+    duration
+        Duration of the contact, in forcing periods.
+    impulse
+        Change of Φ' away from the wall.
+
+    Notes
+    -----
+    In the impacting model departure equals speed, duration is 0 and impulse is twice the speed; with restitution r
+    departure is r times the speed. A chatter that ends in contact is listed down to rounding. Its last impact has
+    departure 0, the duration of the contact phase, and an impulse that includes the force in contact.
     """
 
     time: Any
@@ -33,21 +46,29 @@ class Impacts(NamedTuple):
 
 
 def bounce(wall, tau, w, point):
-    """Return the flight and the contact from a departure with velocity w to the next one.
+    """Return the flight and the contact from a departure with velocity w to the next departure.
 
-    They are (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
+    Returns
+    -------
+    tuple
+        (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
+
+    Raises
+    ------
+    NotImplementedError
+        Outside kernels.
     """
-    raise NotImplementedError("for kernels only")
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
 
 
 def mean_force_at(point):
-    """Return the mean contact force of a point, which the impulses of a lasting motion balance in every period."""
-    raise NotImplementedError("for kernels only")
+    """Return the mean contact force of a point, which balances the impulses of a bounded motion in every period."""
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
 
 
 @inline
 def add_impact(row, s, wall, speed, duration, impulse):
-    """Enter one impact into a row of sums."""
+    """Add one impact to a row of sums."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
     row[SPEED] += speed
@@ -59,11 +80,11 @@ def add_impact(row, s, wall, speed, duration, impulse):
 
 @kernel
 def summed(tau, v, returns, periods, most, point, sums):
-    """Follow the motion that leaves Σ⁺ at (τ, v), until one of three limits is met.
+    """Follow the motion that leaves Σ⁺ at (τ, v) until it reaches one of three limits, and sum its impacts.
 
-    Either it has left Σ⁺ `returns` times more, or `periods` forcing periods have passed, or it made `most` impacts.
-    Sums (batches, COLUMNS), zero before, are what the impacts add up to in equal parts of the periods; the last column
-    has the largest speed.
+    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. The sums
+    (batches, COLUMNS), zero before, collect the impacts of equal parts of the periods. The last column has the largest
+    speed.
 
     Returns
     -------
@@ -85,7 +106,13 @@ def summed(tau, v, returns, periods, most, point, sums):
 
 @kernel
 def list_impacts(tau, v, returns, periods, point, impacts):
-    """Do `summed` with the impacts written one by one, as far as there is room: (status, τ', v', their number)."""
+    """Follow a motion as `summed` does and write its impacts one by one, as far as there is room.
+
+    Returns
+    -------
+    tuple
+        (status, τ', v', number of impacts).
+    """
     wall, w, start, now, back = SIGMA_PLUS, -v, tau, 0.0, 0
     for i in range(impacts.time.size):
         status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)

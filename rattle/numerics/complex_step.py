@@ -31,24 +31,23 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
 
 
 def batch_of(x: NDArray) -> NDArray[np.complex128]:
-    """Arguments x (…, N) as kernels take them, (k, N): of one type, real or not."""
+    """Return arguments x (…, N) as a contiguous batch (k, N) for kernels, real or complex."""
     return np.ascontiguousarray(x, np.complex128).reshape(-1, x.shape[-1])
 
 
 def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
-    """Return the results of `batch_of(x)` in the shape of x: its axis (k,) as in x (…, N), and real where x is."""
+    """Return the results of `batch_of(x)` in the shape of x: axis (k,) as in x (…, N), and real if x is."""
     if x.ndim != 2:
         found = found.reshape(found.shape[:axis] + x.shape[:-1] + found.shape[axis + 1 :])
     return found if x.dtype.kind == "c" else found.real
 
 
 def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
-    """Return a smooth function (…,) that vanishes with det of the matrix (…, n, n).
+    """Return a smooth function (…,) that vanishes together with the determinant of a matrix (…, n, n).
 
-    The last unknown of the system that is bordered by a column and a row (…, n), or one for several matrices.
-
-    Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
-    of Dynamical Equilibria (SIAM 2000).
+    The matrix is bordered by a column and a row (…, n), or one of each for all matrices. The function is the last
+    unknown of the bordered system. Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts,
+    Numerical Methods for Bifurcations of Dynamical Equilibria (SIAM 2000).
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Polynomials of fixed degree by Estrin's scheme: short chains, so that a processor works on several terms at once.
+"""Polynomials of fixed degree by Estrin's scheme, whose short chains let a processor compute several terms at once.
 
 c holds the coefficients, lowest power first; c and x have one type, float32 or float64.
 """

@@ -1,7 +1,7 @@
-"""Start processes that import what this process would, and never from its working directory.
+"""Start processes that import the same modules as this process, and never from the working directory.
 
-Python looks for modules in the working directory first (``python -c``, ``python -m``, at a prompt), or in that of the
-script. In a directory that others write to, a ``random.py`` there is somebody else's code.
+Python searches the working directory first (``python -c``, ``python -m``, at a prompt), or the directory of the script.
+If others can write to it, a ``random.py`` there would run their code.
 """
 
 import os
@@ -19,9 +19,9 @@ def module_path() -> list[str]:
     Returns
     -------
     list of str
-        Absolute entries of ``PYTHONPATH`` and ``sys.path`` in their order, without the working directory and that of
-        the script. The directory of this project is there in any case: last, so that it hides nothing where it is the
-        working directory, or before another one that has this project too.
+        Absolute entries of ``PYTHONPATH`` and ``sys.path`` in order, without the working directory and the script's
+        directory. The directory of this project is always included. It comes last, so that it hides nothing if it is
+        the working directory, or directly before another directory that has this project too.
     """
     home = str(Path(__file__).parents[2])
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path
@@ -32,12 +32,12 @@ def module_path() -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Return the environment of a process that imports from `module_path` only."""
+    """Return the environment variables of a process that imports from `module_path` only."""
     return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(module_path())}
 
 
 def leave_working_directory() -> None:
-    """Import from `module_path` only, in this process and in those that libraries start from it."""
+    """Import from `module_path` only, in this process and in processes that libraries start from it."""
     sys.path[:] = module_path()
     os.environ[SAFE_PATH] = "1"
 

@@ -1,4 +1,4 @@
-"""Initial conditions and the uncertainty of the fractions that they estimate."""
+"""Samples of initial conditions, and the uncertainty of fractions that are estimated from them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import real_array, require
 
 GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)
-SOBOL_BITS = 32  # of a coordinate
+SOBOL_BITS = 32  # bits of a coordinate
 LAST_PHASE = float(np.nextafter(1.0, 0.0))
 Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
 @lru_cache(maxsize=8)
 def sobol(count: int) -> NDArray[np.float64]:
-    """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code's order.
+    """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code order.
 
-    They are those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every process that computes.
-    The direction numbers of its first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo 2008).
+    The points equal those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every computing
+    process. The direction numbers of the first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo
+    2008).
 
     Returns
     -------
@@ -30,7 +31,7 @@ def sobol(count: int) -> NDArray[np.float64]:
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))
     numerators = np.zeros((count, 2), np.uint64)
-    second = 1  # direction number of the second coordinate, over the first's
+    second = 1  # direction number of the second coordinate divided by that of the first
     for bit in range(max(count - 1, 1).bit_length()):
         place = SOBOL_BITS - 1 - bit
         directions = np.array([1 << place, second << place], np.uint64)
@@ -49,9 +50,9 @@ def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-    """Return independent numbers in [0, 1) of these rows (n,) of a stream.
+    """Return independent numbers in [0, 1) for these rows (n,) of a stream.
 
-    Each follows from the seed (up to 128 bits), the stream, its row and its column alone.
+    Each number depends only on the seed (up to 128 bits), the stream, its row and its column.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def _halves(seed: int) -> list[NDArray[np.uint64]]:
 
 
 def _shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two numbers in [0, 1) for each element, (n, 2), from the seed (up to 128 bits) and the element's parameters."""
+    """Return two numbers in [0, 1) for each element, (n, 2), from the seed and the element's parameters."""
     state = np.zeros(parameters[0].size, np.uint64)
     words: list[NDArray[np.uint64]] = [*_halves(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
@@ -104,7 +105,7 @@ def initial_conditions(
     """
     shifts, points = _shifts(seed, delta, epsilon, beta), sobol(count)
     x, y = (points[:, i] + shifts[:, i, None] for i in range(2))
-    x -= x >= 1.0  # modulo 1, exactly: both are below 1
+    x -= x >= 1.0  # exact remainder modulo 1, because both terms are below 1
     y -= y >= 1.0
     speeds = np.broadcast_to(np.asarray(v_max, np.float64), delta.shape)[:, None]
     phases = np.minimum(tau[0] + (tau[1] - tau[0]) * x, LAST_PHASE)
@@ -116,7 +117,7 @@ def wilson_interval(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the 95 % Wilson score interval of a fraction, for successes out of count (arrays that broadcast).
 
-    z: another point of the normal distribution.
+    `z` is the quantile of the normal distribution; its default gives 95 %.
 
     Returns
     -------

@@ -7,12 +7,12 @@ from rattle.numerics.compile import inline
 def narrowed(lo, f_lo, hi, f_hi, side, at, f):
     """Return the bracket of a sign change after a step to `at`, and the side (±1) that was replaced.
 
-    The value at an end that stays twice is halved, so that the next secant step moves it (the Illinois method: Dowell
-    and Jarratt 1971).
+    The function value at an end that stays twice is halved, so that the next secant step moves that end (Illinois
+    method: Dowell and Jarratt 1971).
 
     Returns
     -------
-    result
+    tuple
         (lo, f_lo, hi, f_hi, side).
     """
     if (f > 0.0) == (f_hi > 0.0):

@@ -1,4 +1,4 @@
-"""Own samples of states: uniform in a box, or of a density."""
+"""Samples of states that a user defines: uniform in a box, or with a density."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.sampling import sobol
 
 MOST_STATES = 1 << 20
-CELLS = 512  # along τ and along v, in each of which a density is taken to be even
+CELLS = 512  # cells along τ and along v in which a density counts as constant
 Array = NDArray[np.float64]
 Density = Callable[[Array, Array], ArrayLike]
 
 
 def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return a box of states: ranges of phase within [0, 1] and of speed from 0 on. Raises ParameterError."""
+    """Return a checked box of states: phases within [0, 1], speeds from 0 on. Raises ParameterError."""
     phases, speeds = require_pair("tau", tau), require_pair("v", v)
     require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
     require(0.0 <= speeds[0] < speeds[1], f"v must be (low, high) with 0 <= low < high, got {speeds}")
@@ -27,21 +27,24 @@ def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[flo
 def sampled_states(
     count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
 ) -> tuple[Array, Array]:
-    """Return so many states (τ, v): a low-discrepancy sample of the box of these ranges (low, high).
-
-    It is taken to be even in each of 512 × 512 cells of the box, with its value at the middle.
+    """Return `count` states (τ, v), a low-discrepancy sample of the box of the ranges tau and v.
 
     Parameters
     ----------
+    count : int
+        Number of states.
+    v, tau : tuple[float, float]
+        Ranges (low, high) of speed and phase.
     density : Density | None
-        Of arrays τ and v, not negative, to any scale; without one the sample is uniform.
+        A function of arrays τ and v, not negative, with any scale. It counts as constant in each of 512 × 512 cells of
+        the box, with its value at the middle. Without it the sample is uniform.
     seed : int
         Shifts the sample.
 
     Returns
     -------
     tuple[Array, Array]
-        Two arrays (count,).
+        τ and v, each (count,).
 
     Raises
     ------
@@ -60,13 +63,13 @@ def sampled_states(
 def _by_density(
     points: Array, density: Density, tau: tuple[float, float], v: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Points of the unit square moved by the inverse of the distribution: first along τ, then along v given τ."""
+    """Map points of the unit square by the inverse distribution function: first along τ, then along v given τ."""
     centres = (np.arange(CELLS) + 0.5) / CELLS
     phases, speeds = (low + (high - low) * centres for low, high in (tau, v))
     try:
         weight = np.broadcast_to(np.asarray(density(phases[:, None], speeds), np.float64), (CELLS, CELLS))
     except (TypeError, ValueError) as error:
-        raise RattleError(f"density must take arrays of τ and v that broadcast: {error}") from error
+        raise RattleError(f"the density function fails for arrays of τ and v that broadcast: {error}") from error
     good = bool(np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0)
     require(good, "density must be finite, nowhere negative and somewhere above 0 in the box")
     x, column = _inverse(weight.sum(axis=1)[None], np.zeros(len(points), np.int64), points[:, 0])
@@ -75,11 +78,11 @@ def _by_density(
 
 
 def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return the places at which the distribution of these rows (rows, cells) reaches a share (n,), and their cells."""
+    """Return where the distribution of each row (rows, cells) reaches a share (n,), and the cell of that place."""
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])
     want = share * total[row, -1]
-    # rows one after the other on one rising line
+    # concatenate the rows to one rising function, so that one search serves all
     offset = np.concatenate([[0.0], np.cumsum(ends[:, -1])])[:-1]
     line = (ends[:, 1:] + offset[:, None]).ravel()
     cell = np.searchsorted(line, want + offset[row], "right") - row * weight.shape[1]

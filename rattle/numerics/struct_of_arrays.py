@@ -1,4 +1,4 @@
-"""Tables whose columns are arrays: dataclasses, taken, joined and sorted as a whole."""
+"""Tables whose columns are arrays: dataclasses whose rows are selected, joined and sorted together."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 
 class StructOfArrays:
-    """A dataclass whose fields are arrays with one row for each thing: what such tables have in common.
+    """A dataclass whose fields are arrays with one row for each item.
 
-    Nothing unpacks a table by the order of its fields. Kernels take single columns, or all of them by their names:
-    `for_kernels`, of a class for which there is a `kernel_columns`.
+    Code accesses columns by name, never by the order of fields. Kernels take single columns, or the named tuple of
+    `for_kernels` if the class has `kernel_columns`.
     """
 
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -23,20 +23,20 @@ class StructOfArrays:
         return {field.name: getattr(self, field.name) for field in fields(mine)}
 
     def for_kernels(self) -> Any:
-        """Return the arrays as kernels take them: a named tuple over the same memory."""
+        """Return the arrays as a named tuple over the same memory, for kernels."""
         return _FOR_KERNELS[type(self)](**self.columns())
 
     def take(self, rows: Any) -> Self:
-        """Return some of the rows, in their order: anything that indexes an array."""
+        """Return the rows that an index, slice or mask selects, in that order."""
         return type(self)(**{name: values[rows] for name, values in self.columns().items()})
 
     def replace(self, **changes: NDArray[Any]) -> Self:
-        """Return the table with other columns of these names."""
+        """Return the table with these columns replaced."""
         mine: Any = self
         return replace(mine, **changes)
 
     def sort(self, *names: str) -> Self:
-        """Return the table sorted by these columns, the first before the others; equal rows keep their order."""
+        """Return the table sorted by these columns, the first most significant; equal rows keep their order."""
         return self.take(np.lexsort([self.columns()[name] for name in reversed(names)]))
 
     @classmethod
@@ -50,7 +50,7 @@ _FOR_KERNELS: dict[type, Any] = {}
 
 
 def kernel_columns(name: str, table: type, module: str) -> Any:
-    """Return the class of named tuples, to be found under this name in its module, as which kernels take a table."""
+    """Return the class of named tuples as which kernels take a table, under this name in its module."""
     columns: Any = namedtuple(name, [field.name for field in fields(table)], module=module)  # type: ignore[misc]
     _FOR_KERNELS[table] = columns
     return columns

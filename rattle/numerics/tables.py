@@ -1,4 +1,4 @@
-"""Tables of numbers that people bring: CSV with a header."""
+"""Tables of numbers from users: CSV with a header."""
 
 import csv
 from collections.abc import Iterable
@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 
 from rattle.errors import ParameterError, RattleError, did_you_mean
 
-MOST_SHOWN = 20  # columns in a message, and characters of each
+MOST_SHOWN = 20  # most columns that a message shows, and most characters of each
 
 
 def read_columns(path: str | Path, names: Iterable[str], needed: str | None = None) -> dict[str, NDArray[np.float64]]:
-    """Return those of the columns of these names that a table has, each (n,).
+    """Return the columns of a CSV file that have these names, each (n,).
 
     Names are not case-sensitive.
 
     Returns
     -------
     dict[str, NDArray[np.float64]]
-        Columns by their names, in the order of the table.
+        Columns by name, in the order of the file.
 
     Raises
     ------
     ParameterError
-        On what is no number, a column that is there twice, or a table without the needed column (of any where none is
-        named).
+        If a cell is not a number, a column appears twice, or the column `needed` (any column, if none is named) is
+        missing.
     RattleError
         If the file cannot be read.
     """
@@ -46,7 +46,7 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
         )
     for name in wanted:
         if header.count(name) > 1:
-            raise ParameterError(f"the table {path} has {header.count(name)} columns {name!r}: leave one")
+            raise ParameterError(f"the table {path} has {header.count(name)} columns named {name!r}: keep one of them")
     return {
         name: np.array([_number(path, line, row, column) for line, row in table])
         for column, name in enumerate(header)
@@ -55,7 +55,7 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
 
 
 def _shown(header: list[str]) -> str:
-    """Return the names of a header, or its beginning."""
+    """Return the names of a header as text, shortened."""
     shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
     return shown or "none: the table is empty"
 

@@ -1,4 +1,4 @@
-"""Handle any return map: iterates and tangents, periodic orbits, saddles, manifolds."""
+"""Tools for any return map: iterates and tangents, periodic orbits, saddles, manifolds."""
 
 from rattle.orbits.period_one import PAPER_REGIONS, region_in_words
 

@@ -1,4 +1,4 @@
-"""Images of states under Π or Π⁻¹ with phases that are not folded, and the impacts on Σ⁻ step by step (compiled)."""
+"""Images of states under Π or Π⁻¹ with phases that are not folded, and their Σ⁻ impacts step by step (compiled)."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from rattle.orbits.return_map import inverse_step, step
 
 @kernel
 def images(tau, v, steps, turns, backwards, point):
-    """Return Π^steps, or Π^−steps if backwards, of flat arrays at one parameter point.
+    """Return Π^steps (Π^−steps if `backwards`) of flat arrays of states at one parameter point.
 
-    τ is not folded: the time taken less `turns` forcing periods for all the steps, so that neighbours stay neighbours.
+    τ is not folded: `turns` forcing periods are subtracted from the elapsed time, so that neighbours stay neighbours.
 
     Returns
     -------
-    result
+    tuple
         (ok, τ, v, word, impacts on Σ⁻).
     """
     n = tau.size

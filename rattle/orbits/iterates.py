@@ -1,4 +1,4 @@
-"""Results of a return map for arrays of states, and motions sampled in time."""
+"""Results of a return map for arrays of states, and sampled motions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Iterates(NamedTuple):
-    """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
+    """Final states of many trajectories with their impacts on each wall; all of the broadcast shape."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -25,7 +25,7 @@ class Iterates(NamedTuple):
 
 
 class Returned(NamedTuple):
-    """States (n,) after one return to Σ⁺, with its time; goes: whether there was one, else the state is as before."""
+    """States (n,) after one return to Σ⁺, and its time; where `goes` is False there was none, and the state is kept."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -34,7 +34,7 @@ class Returned(NamedTuple):
 
     @classmethod
     def of(cls, found: Stretched) -> Returned:
-        """Return the states after these trajectories of one impact."""
+        """Return the result from trajectories of one impact."""
         goes = found.n_plus > 0
         return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
 
@@ -51,7 +51,7 @@ class Stretched(NamedTuple):
 
     @classmethod
     def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> Stretched:
-        """Return trajectories from the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
+        """Return trajectories from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             first = growth[1] / time
@@ -62,13 +62,13 @@ class Stretched(NamedTuple):
 
 
 def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Phases folded into [0, 1); a tiny negative one would round up to 1."""
+    """Return phases folded into [0, 1). A tiny negative phase gives 0, not 1."""
     folded = phases % 1.0
     return np.where(folded < 1.0, folded, 0.0)
 
 
 def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
-    """Raise ParameterError unless these are departures, and numbers of returns."""
+    """Raise ParameterError unless tau and v are departures from Σ⁺ and n are numbers of returns."""
     require(bool(np.isfinite(tau).all()), "tau must be finite")
     require(bool((np.isfinite(v) & (v > 0)).all()), "v must be finite and greater than 0")
     require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must be integers of at least 0")
@@ -78,7 +78,7 @@ def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
 def checked(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
 ) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
-    """Flat contiguous copies of (τ, v, n, δ, ε, β) and more parameters above 0, and the broadcast shape."""
+    """Return flat contiguous copies of τ, v, n, δ, ε, β and further positive parameters, and the broadcast shape."""
     named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
     steps = np.asarray(n)
     try:
@@ -87,7 +87,7 @@ def checked(
     except ParameterError:
         raise
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"{', '.join(named)} and n must broadcast: {error}") from None
+        raise ParameterError(f"{', '.join(named)} and n must have shapes that broadcast: {error}") from None
     require_states(phases, speeds, steps)
     for name, array in (("delta", d), ("beta", b), *zip(more, others, strict=True)):
         require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
@@ -97,10 +97,16 @@ def checked(
 
 
 class Trajectory(NamedTuple):
-    """A sampled motion. time, phi, velocity (points,): forcing periods since the start, Φ and Φ'.
+    """A sampled motion.
 
-    impact_time, impact_wall, impact_speed (k,): the impacts on the way, wall +1 (Φ = β) or −1, speed |Φ'|. rest: when
-    it comes to rest on Σ⁺, inf if it does not; its bounces are slower than 1e-4 from there on, and are left out.
+    Attributes
+    ----------
+    time, phi, velocity : ndarray, (points,)
+        Forcing periods since the start, Φ and Φ'.
+    impact_time, impact_wall, impact_speed : ndarray, (k,)
+        The impacts: time, wall +1 (Φ = β) or −1, and speed |Φ'|.
+    rest : float
+        When the motion comes to rest on Σ⁺, inf if it does not. Later bounces, slower than 1e-4, are left out.
     """
 
     time: Array
@@ -125,13 +131,13 @@ def sampled_motion(
     Parameters
     ----------
     sampled : Callable[..., tuple[int, int, float]]
-        A kernel that takes (τ, v), parameters, the times and arrays for Φ and Φ' (points,), and for time, wall and
-        speed of the impacts; returns its status, how many impacts there were, and when the motion came to rest.
+        A kernel that takes (τ, v), the parameters, the times, and arrays to fill: Φ and Φ' (points,); time, wall and
+        speed of the impacts. It returns its status, the number of impacts, and when the motion comes to rest.
 
     Returns
     -------
     Trajectory
-        Times, Φ and Φ' (points,), and the impacts on the way.
+        Times, Φ and Φ' (points,), and the impacts.
 
     Raises
     ------
@@ -150,17 +156,14 @@ def sampled_motion(
         if status != OK:
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         if count > MOST_IMPACTS:
-            raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer periods")
+            raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: choose fewer periods")
         if count <= room:
             return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], float(rest))
         room = count
 
 
 class Impact(NamedTuple):
-    """One step of the impact map.
-
-    It has (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken.
-    """
+    """One step of the impact map: (τ, v), impacts on Σ⁻, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken."""
 
     tau: float
     v: float

@@ -1,9 +1,10 @@
-"""Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end in the corners that Γ makes.
+"""Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end in the corners that Γ causes.
 
-The manifold is one parameter long: its point s is F^j(W(t)), t = s/λ^j in the fundamental domain (size/λ, size] of
-`rattle.orbits.saddles`. New points are put in along t, so each lies on the true manifold as far as its own orbit is
-exact: to rounding, which the map stretches along the manifold and contracts across it. Refinement by distance and angle
-as in B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
+F, W and λ are those of `rattle.orbits.saddles`. A point of the manifold is F^j(W(t)) with t in the fundamental domain
+(size/λ, size], so that one number s = t λ^j gives its position. New points are inserted along t. Each therefore lies on
+the true manifold to the accuracy of its own orbit, which is rounding that the map stretches along the manifold and
+contracts across it. Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998)
+404.
 """
 
 from dataclasses import dataclass
@@ -16,20 +17,31 @@ from rattle.orbits.periodic import Periodic
 from rattle.orbits.saddles import Array, Local, local_manifold
 
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
-ENDED = 1e-9  # length of an image that has shrunk to the attractor in which this side ends
-FIRST = 9  # points of the first fundamental domain
-FINEST = 1e-6  # angles between shorter steps are rounding
-JOINED = 1e-3  # ends of two pieces closer than this part of the spacing are the same corner
+ENDED = 1e-9  # length of an image at which this side of the manifold has converged to an attractor
+FIRST = 9  # initial points of the fundamental domain
+FINEST = 1e-6  # shortest step whose angle counts; below it angles are rounding errors
+JOINED = 1e-3  # largest distance of two ends, relative to the spacing, that counts as one corner
 
 
 @dataclass(frozen=True)
 class Manifold:
-    """One side of a manifold, outwards from the saddle, n points in p pieces.
+    """One side of a manifold, outwards from the saddle: n points in p pieces.
 
-    tau (n,): phase, not folded, continuous along the manifold; v (n,): speed after the impact on Σ⁺. parameter (n,):
-    place t of the preimage on the local manifold, arclength at the saddle; images (n,): the j of F^j that took it
-    here. pieces (p + 1,): piece i is points pieces[i] to pieces[i + 1]; neighbouring pieces share their corner, given
-    twice, unless their ends are `gap` (p − 1,) apart. length: arclength of it all.
+    Attributes
+    ----------
+    tau, v : ndarray, (n,)
+        Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
+    parameter : ndarray, (n,)
+        Position t of the preimage on the local manifold; arclength at the saddle.
+    images : ndarray of int, (n,)
+        The j of the image F^j.
+    pieces : ndarray of int, (p + 1,)
+        Piece i has the points pieces[i] to pieces[i + 1]. Neighbouring pieces share their corner, which is stored
+        twice.
+    gap : ndarray, (p − 1,)
+        Distance between the ends of neighbouring pieces that do not share a corner.
+    length : float
+        Arclength of the whole side.
     """
 
     orbit: Periodic
@@ -45,7 +57,7 @@ class Manifold:
 
 
 class _Level:
-    """F^j of the fundamental domain: points in order outwards."""
+    """The image F^j of the fundamental domain, as points in order outwards."""
 
     def __init__(self, local: Local, j: int, t: Array) -> None:
         self.local, self.j, self.t = local, j, t
@@ -68,7 +80,7 @@ class _Level:
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _corners(self) -> bool:
-        """Bisect changes of the word down to neighbouring doubles t; whether that put any in."""
+        """Bisect changes of the itinerary down to adjacent doubles t, and return whether points were inserted."""
         i = np.flatnonzero(self.split)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:
@@ -84,7 +96,7 @@ class _Level:
         return bool(new.size)
 
     def refine(self, spacing: float, angle: float) -> None:
-        """Insert points until neighbours on a piece are closer than spacing, and turn by less than angle (radians)."""
+        """Insert points until neighbours on a piece are closer than `spacing` and turn less than `angle` (radians)."""
         for _ in range(MOST_ROUNDS):
             cornered = self._corners()
             step = _steps(self.x, self.local.unit)
@@ -101,7 +113,7 @@ class _Level:
             elif not cornered:
                 return
             if self.t.size > MOST_POINTS:
-                raise RattleError(f"the manifold needs more than {MOST_POINTS} points: ask for less arclength")
+                raise RattleError(f"the manifold needs more than {MOST_POINTS} points: choose a smaller arclength")
 
 
 def manifold(
@@ -115,17 +127,20 @@ def manifold(
 ) -> Manifold:
     """Return one side of the "stable" or "unstable" manifold of a saddle, up to an arclength in (τ, v).
 
-    It ends earlier in a stable motion or at rest. A tongue that crosses Γ and returns within one spacing can be missed.
+    The manifold ends earlier where it converges to a stable motion or to rest. A tongue that crosses Γ and returns
+    within one spacing can be missed.
 
     Parameters
     ----------
     side : int
         +1 leaves the saddle towards rising v (rising τ where v does not change), −1 the other way.
-    spacing : float
-        Largest distance of neighbours; angle: largest turn, radians.
+    arclength, spacing : float
+        Length to follow, and largest distance of neighbours.
+    angle : float
+        Largest turn between neighbours, in radians.
     unit : float
-        The speed that is as far as a forcing period, for all three: where speeds are far from 1, a seventh of the
-        largest that is looked at.
+        The speed difference that equals one forcing period in these lengths. Where speeds are far from 1, use a seventh
+        of the largest speed of interest.
 
     Returns
     -------
@@ -135,9 +150,9 @@ def manifold(
     Raises
     ------
     ParameterError
-        If the orbit is no saddle.
+        If the orbit is not a saddle.
     RattleError
-        If it is too close to grazing or needs too many points.
+        If the saddle is too close to grazing, or too many points are needed.
     """
     require(kind in ("stable", "unstable"), f"kind must be stable or unstable, got {kind!r}")
     require(side in (1, -1), f"side must be +1 or -1, got {side!r}")
@@ -163,12 +178,12 @@ def manifold(
 
 
 def _steps(x: Array, unit: float) -> Array:
-    """Return the steps from each state (2, n) to the next, v in units of this speed."""
+    """Return the steps between successive states (2, n), with v in this unit."""
     return np.asarray(np.diff(x, axis=1) / [[1.0], [unit]], np.float64)
 
 
 def _rows(level: _Level, end: int) -> Array:
-    """τ, v, t, j, whether a new piece begins, impacts on Σ⁻ (6, n); the first point is the last of the level before."""
+    """Return τ, v, t, j, flags of new pieces, Σ⁻ impacts (6, n); the first point is the last of the previous level."""
     begins = np.concatenate([[False], level.split])
     rows = np.stack([*level.x, level.t, np.full(level.t.size, level.j), begins, level.bounces])
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
@@ -177,14 +192,23 @@ def _rows(level: _Level, end: int) -> Array:
 def _assembled(
     orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
 ) -> Manifold:
-    """Cut to length, and every corner given to both its pieces, from the side that misses Σ⁻, where it is exact."""
+    """Return the manifold, cut to length, with every corner in both its pieces.
+
+    A corner is taken from the side that misses Σ⁻, where it is exact.
+
+    Returns
+    -------
+    Manifold
+        The manifold.
+    """
     walked = np.concatenate([[0.0], np.cumsum(np.hypot(*_steps(rows[:2], unit)))])
     rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]
     starts = np.flatnonzero(rows[4])
     gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
     near = starts[gap < joined]
     exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
-    rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]  # the other side of it has the root of rounding
+    # on the other side a corner's error is the square root of rounding
+    rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
     length = float(np.hypot(*_steps(rows[:2], unit)).sum())
     tau, v, t, j = rows[:4]

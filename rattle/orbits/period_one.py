@@ -1,4 +1,4 @@
-"""The period-one motions A to D as any gear has them, and the regions of the plane that they make."""
+"""The period-one motions A to D of any gear, and the regions of the plane that they define."""
 
 from __future__ import annotations
 
@@ -18,9 +18,16 @@ N_MINUS = (0, 1, 0, 1)
 class Orbit(NamedTuple):
     """A period-one orbit P(m, n_plus, n_minus) of the impact map, at one of its impacts on Σ⁺.
 
-    tau is the phase in [0, 1), v > 0 the speed after impact (units: gap coordinate per forcing period), multipliers
-    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)). delta, epsilon, beta: where it is;
-    added: the other parameters of its model, by name.
+    Attributes
+    ----------
+    tau, v : float
+        Phase in [0, 1), and speed > 0 after the impact (gap coordinate per forcing period).
+    multipliers
+        Both Floquet multipliers over m forcing periods (complex; their product is e^(−δm)).
+    delta, epsilon, beta : float
+        The parameter point.
+    added : dict
+        The model's other parameters by name.
     """
 
     name: str
@@ -78,7 +85,7 @@ class PeriodOne(NamedTuple):
 def existing_orbits(
     found: PeriodOne, delta: float, epsilon: float, beta: float, added: Mapping[str, float]
 ) -> tuple[Orbit, ...]:
-    """Return the orbits that exist at one parameter point, of arrays without axes, in the order A, B, C, D."""
+    """Return the orbits that exist at one parameter point, from arrays without axes, in the order A, B, C, D."""
     return tuple(
         Orbit(
             name,
@@ -100,9 +107,9 @@ def existing_orbits(
 
 
 class MissingLimit(NamedTuple):
-    """A limit that is not stated at a damping.
+    """A limit, sn1 or flip, that is not valid at a damping.
 
-    limit: sn1 or flip. reason: why, and what happens instead. epsilon: where that happens; None if at no eccentricity.
+    reason says why, and what happens instead. epsilon is the eccentricity of that other event, None if there is none.
     """
 
     limit: str
@@ -110,7 +117,7 @@ class MissingLimit(NamedTuple):
     epsilon: float | None
 
 
-SQUARED = 1e150  # of a trace beyond it the square is no number, and the determinant does not count beside it
+SQUARED = 1e150  # a trace above this overflows when squared, and the determinant is negligible beside it
 
 
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
@@ -134,18 +141,19 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
 
 
 PAPER_REGIONS = ("I", "II", "III", "IV", "V")
-_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # III is IV where D is unstable
+_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # region III becomes IV where D is unstable
 _SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
-#: By code: 0 is no region, 1 to 5 are those of the paper, and all other sets of orbits that exist are their own names.
+#: Names of regions by number: 0 is no region, 1 to 5 are I to V of the paper, others are named by their orbits.
 REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _OF_THE_PAPER))
-_CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SETS], np.int8)  # by the set's bits
+# number of the region for each set of orbits as bits
+_CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SETS], np.int8)
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
     """Return the region of each parameter point from its period-one orbits.
 
-    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set has a
-    number of its own.
+    I has none of A–D, II has A and C, III all four with D stable, IV all four with D unstable, V A and D. Every other
+    set has a number of its own.
 
     Returns
     -------
@@ -158,7 +166,7 @@ def classify(orbits: PeriodOne) -> NDArray[np.int8]:
 
 
 def region_in_words(region: int) -> str:
-    """Return a region in a sentence: region III; or orbits A, B and D, no region of the paper."""
+    """Return a region in words: "region III", or "orbits A, B and D, no region of the paper"."""
     name = REGIONS[region]
     if name in PAPER_REGIONS:
         return f"region {name}"
@@ -172,13 +180,13 @@ class HasOrbits(Protocol):
 
     @property
     def quiet_limit(self) -> float:
-        """ε from which permanent contact is impossible."""
+        """Eccentricity above which permanent contact is impossible."""
 
     def region(self) -> int:
         """Return the region's number in REGIONS."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return those of period one that happen."""
+        """Return the admissible period-one orbits."""
 
 
 def html_of_point(gear: HasOrbits) -> str:

@@ -1,4 +1,4 @@
-"""A periodic motion as equations, of any gear, and what it must say of itself."""
+"""The equations of a periodic motion of any gear, and the properties that each motion has."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,10 +17,10 @@ from rattle.orbits.period_one import multipliers_of
 
 @dataclass(frozen=True)
 class Equations(ABC):
-    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model.
+    """A periodic motion as n equations in n unknowns, followed by δ and ε.
 
-    walls: +1 or −1 of each impact, or contact, of a period, Σ⁺ first; m: forcing periods; beta: the half-backlash. The
-    unknowns are the times of the impacts, or contacts, then whatever else each of them has.
+    walls holds +1 or −1 for each impact or contact of a period, Σ⁺ first; m is the number of forcing periods, beta the
+    half-backlash. The unknowns are the times of the impacts or contacts, then any other unknowns of each.
     """
 
     walls: tuple[int, ...]
@@ -32,35 +32,35 @@ class Equations(ABC):
     @property
     @abstractmethod
     def n(self) -> int:
-        """Unknowns."""
+        """Number of unknowns."""
 
     @abstractmethod
     def residual(self, x: NDArray) -> NDArray:
-        """R (…, n) of x (…, n + 2)."""
+        """Return the residual R (…, n) at x (…, n + 2)."""
 
     @abstractmethod
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ) = ∂R/∂unknowns (…, n, n), what is a period later λ times as large, from the same flights."""
+        """Return R and J(λ) = ∂R/∂unknowns (…, n, n), for perturbations that grow by λ over one period."""
 
     @abstractmethod
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """R (…, n + 1), and after it what is zero where impact number `impact` is a graze."""
+        """Return R and one more function, (…, n + 1), that vanishes where impact number `impact` grazes."""
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """J(λ) (…, n, n)."""
+        """Return J(λ) (…, n, n)."""
         return self.with_jacobian(x, multiplier)[1]
 
     @property
     def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
+        """Label (m, n_plus, n_minus)."""
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
-        """Return the itinerary of a motion of the same gear with other walls, and perhaps another period."""
+        """Return the itinerary of a motion of the same gear with other walls and another number of periods."""
         return replace(self, walls=walls, m=self.m if m is None else m)
 
     def begun_at(self, first: int) -> Self:
-        """Return the itinerary of the same motion, begun at impact number `first`."""
+        """Return the itinerary of the same motion that begins with impact number `first`."""
         return self.with_walls(self.walls[first:] + self.walls[:first])
 
     def without(self, impact: int) -> Self:
@@ -68,15 +68,15 @@ class Equations(ABC):
         return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
 
     def with_impact(self, impact: int, wall: int) -> Self:
-        """Return the itinerary with one impact more, which becomes number `impact`."""
+        """Return the itinerary with one more impact, which becomes number `impact`."""
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
     def doubled(self) -> Self:
-        """Return the itinerary twice over."""
+        """Return the itinerary repeated twice."""
         return self.with_walls(self.walls * 2, 2 * self.m)
 
     def divided(self, parts: int) -> Self:
-        """Return the itinerary of a motion that this one is `parts` times over."""
+        """Return the itinerary whose `parts`-fold repetition is this one."""
         return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 
@@ -84,7 +84,7 @@ Itinerary = TypeVar("Itinerary", bound=Equations)
 
 
 def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
-    """Unknowns and what follows them (N,) of the same motion, begun at impact number `first`."""
+    """Return the unknowns (and what follows them) (N,) of the same motion that begins with impact number `first`."""
     each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
     turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
     turned[0, len(itinerary.walls) - first :] += itinerary.m
@@ -92,15 +92,15 @@ def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return all ways to write the motion with unknowns start (N,), times first.
+    """Return all equivalent unknowns near x of the motion `start` (N,), whose times come first.
 
-    It may begin at another impact, if the walls are the same from there, and some forcing periods earlier or later,
-    near x.
+    The motion may begin at another impact, if the walls are the same from there, or some forcing periods earlier or
+    later.
 
     Returns
     -------
     Array
-        Solutions (…, N), x among them.
+        Solutions (…, N), including `start` itself.
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -109,7 +109,7 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
 
 
 def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
-    """Return a motion x (n + 2,) with its least period, the times solved again if that is shorter."""
+    """Return a motion x (n + 2,) with its least period, with the times solved again if the period is shorter."""
     impacts = len(itinerary.walls)
     for parts in range(math.gcd(impacts, itinerary.m), 1, -1):
         shift, odd = divmod(impacts, parts)
@@ -127,17 +127,27 @@ def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arr
 
 MOST_IMPACTS = 512
 MOST_NEWTON = 30
-SAME_MOTION = 1e-8  # forcing periods by which a motion differs from itself some impacts later, by rounding near a flip
+# largest time difference, in forcing periods, between a motion and its repetition; near a flip rounding grows
+SAME_MOTION = 1e-8
 
 
 @dataclass(frozen=True, repr=False)
 class Periodic(ABC):
-    """A periodic motion P(m, n_plus, n_minus) of either model at one parameter point.
+    """A periodic motion P(m, n_plus, n_minus) of any model at one parameter point.
 
-    walls (n,): +1 or −1 of each impact or contact, Σ⁺ first; times (n,) at which they begin, in forcing periods, the
-    first in [0, 1); speeds (n,) after each of them, positive into the gap, negative where the motion is virtual.
-    multipliers: the two Floquet multipliers over m periods, the larger modulus first (product e^(−δm)); infinite at a
-    graze of the impacting model. admissible: whether it happens.
+    Attributes
+    ----------
+    walls : (n,)
+        +1 or −1 of each impact or contact, Σ⁺ first.
+    times : (n,)
+        Times at which they begin, in forcing periods, the first in [0, 1).
+    speeds : (n,)
+        Speeds after each of them; positive into the gap, negative where the motion is virtual.
+    multipliers
+        Both Floquet multipliers over m periods, the larger modulus first (product e^(−δm)); infinite at a graze of the
+        impacting model.
+    admissible : bool
+        Whether the motion is admissible.
     """
 
     delta: float
@@ -174,21 +184,21 @@ class Periodic(ABC):
     @property
     @abstractmethod
     def point(self) -> Any:
-        """Return the motion's parameters, as kernels take them."""
+        """Return the motion's parameters for kernels."""
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The names of its parameters beside δ, ε and β."""
+        """Names of the model's parameters besides δ, ε and β."""
         return ()
 
     @property
     def tau(self) -> float:
-        """Phase at which it first leaves Σ⁺, in [0, 1)."""
+        """Phase in [0, 1) at which the motion first leaves Σ⁺."""
         return float(law.folded(self.departures[0]))
 
     @property
     def v(self) -> float:
-        """Return the speed with which the motion leaves Σ⁺ at its first departure."""
+        """Speed with which the motion first leaves Σ⁺."""
         return float(self.speeds[0])
 
     @property
@@ -203,12 +213,12 @@ class Periodic(ABC):
 
     @property
     def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
+        """Label (m, n_plus, n_minus)."""
         return self.m, self.n_plus, self.n_minus
 
     @property
     def stable(self) -> bool:
-        """True if the motion exists and attracts."""
+        """True if the motion is admissible and attracts."""
         return self.admissible and abs(self.multipliers[0]) < 1.0
 
     def _caption(self) -> str:
@@ -226,7 +236,7 @@ class Periodic(ABC):
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """Return the impacts or contacts of the motion: walls, and when and how fast the motion leaves them.
+        """Return the impacts or contacts of the motion: the walls, and times and speeds of the departures.
 
         Returns
         -------
@@ -242,7 +252,7 @@ class Periodic(ABC):
 
 
 def at_parameters(itinerary: Equations, x: Array) -> Array | None:
-    """Newton on the impact equations for the times alone, δ and ε of x (n + 2,) fixed; None if it fails."""
+    """Solve the equations for the times by Newton's method, with δ and ε of x (n + 2,) fixed; None if it fails."""
     n, x = itinerary.n, x.copy()
     for _ in range(MOST_NEWTON):
         value, jacobian = derivatives(itinerary.residual, x)

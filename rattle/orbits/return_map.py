@@ -1,8 +1,8 @@
 """Powers of a return map with their tangent, and the periodic orbits that Newton's method finds (compiled).
 
-The type of the point says which model is meant. These functions are found by it, in every kernel that calls them
-(`rattle.numerics.compile.for_type`); a gear provides all of them, for its point and its cells, but for the inverse map
-of the inelastic one, which there is not:
+The type of the point selects the model: every kernel finds the following functions by it
+(`rattle.numerics.compile.for_type`). Each gear provides all of them for its point and its cells, except that the
+inelastic gear has no inverse map:
 
 =============  =================  ===========================  ======================  ========================
 function       declared in        impacting (Point, Cells)     stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
@@ -24,37 +24,37 @@ from rattle.flight.law import folded, speed_unit, wrapped
 from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
-SAME = 1e-8  # an orbit that closes to this, speeds in their unit, is closed
+SAME = 1e-8  # largest distance, with speeds in their unit, at which an orbit counts as closed
 
 
 def step(tau, v, point):
-    """Π: (status, τ', v', time, contacts with Σ⁻)."""
-    raise NotImplementedError("for kernels only")
+    """Return Π(τ, v): (status, τ', v', time, contacts with Σ⁻)."""
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def step_tangent(tau, v, point):
-    """Π with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln|det|)."""
-    raise NotImplementedError("for kernels only")
+    """Return Π(τ, v) with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln|det|)."""
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def inverse_step(tau, v, point):
-    """Π⁻¹: (status, τ, v, time, contacts with Σ⁻)."""
-    raise NotImplementedError("for kernels only")
+    """Return Π⁻¹(τ, v): (status, τ, v, time, contacts with Σ⁻)."""
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def point_of(cell, cells):
     """Return the parameter point of a cell."""
-    raise NotImplementedError("for kernels only")
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def between(share, one, other):
-    """Return the parameter point at this share of the straight way from one to another."""
-    raise NotImplementedError("for kernels only")
+    """Return the parameter point at this share of the line between two cells' points."""
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 @kernel
 def power_map(tau, v, k, point):
-    """Π^k with its tangent: (status, τ, v, time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|)."""
+    """Return Π^k(τ, v) with its tangent: (status, τ, v, time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|)."""
     a00, a01, a10, a11, log_det, time, n_minus = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0
     for _ in range(k):
         status, tau, v, s, below, j00, j01, j10, j11, ln = step_tangent(tau, v, point)
@@ -89,7 +89,7 @@ def newton(tau, v, k, point):
         v += d1
         if not v > 0.0:
             return False, tau, v
-        if size < 1e-13 or (size < 1e-9 and size >= 0.5 * last):  # as exact as rounding lets it be
+        if size < 1e-13 or (size < 1e-9 and size >= 0.5 * last):  # converged to rounding
             return True, tau, v
     return False, tau, v
 
@@ -120,7 +120,7 @@ def shortest_return(tau, v, k, point):
 
 @kernel
 def fastest_point(tau, v, k, point):
-    """Return the orbit's impact of largest speed, so that the same orbit is always represented by the same point."""
+    """Return the orbit's impact of largest speed, which represents the orbit uniquely."""
     best_tau, best_v = tau, v
     for _ in range(k):
         _status, tau, v, _time, _below = step(tau, v, point)

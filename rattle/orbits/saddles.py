@@ -1,9 +1,12 @@
-"""Saddles of Π^k of either model, and their manifolds close by: power series in the parameter that the map multiplies.
+"""Saddles of Π^k of any model, and their local manifolds as power series (parametrisation method).
 
-F is Π^k on the unstable side and Π^−k on the stable one, twice that where the multiplier is negative, so that λ > 1.
-The local manifold W(s) solves F(W(s)) = W(λs), W(0) the saddle, W'(0) its unit eigenvector: then W(s) = F^j(W(s/λ^j))
-for any s, and one number s is the place on the whole manifold. Source: X. Cabré, E. Fontich, R. de la Llave, J. Differ.
-Equations 218 (2005) 444 (parametrisation method).
+F is Π^k on the unstable side and Π^−k on the stable one, applied twice if the multiplier is negative, so that λ > 1.
+The local manifold W(s) solves
+
+    F(W(s)) = W(λs),    W(0) the saddle,    W'(0) its unit eigenvector.
+
+Then W(s) = F^j(W(s/λ^j)) for any s, so one number s gives the position on the whole manifold. Source: X. Cabré, E.
+Fontich, R. de la Llave, J. Differ. Equations 218 (2005) 444.
 """
 
 from dataclasses import dataclass, replace
@@ -20,17 +23,18 @@ from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25
-LARGEST, SMALLEST = 0.1, 1e-9  # sizes of s that are tried
-RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)  # of F(W(s)) − W(λs): of the size; at least, of v, forwards and back
+LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of the series in s to try
+# tolerances of F(W(s)) − W(λs): relative to the size; least value relative to v, forwards and backwards
+RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
 class Local:
-    """W(s) for |s| ≤ size: powers (DEGREE + 1, 2) of s/size of (τ, v).
+    """The local manifold W(s) for |s| ≤ size, as powers (DEGREE + 1, 2) of s/size of (τ, v).
 
-    Multiplier λ of F, which is `steps` impacts on Σ⁺, forwards or backwards, in `turns` forcing periods. residual:
-    largest |F(W(s/λ)) − W(s)|.
+    λ is the multiplier of F, which makes `steps` impacts on Σ⁺, forwards or backwards, in `turns` forcing periods.
+    residual is the largest |F(W(s/λ)) − W(s)|.
     """
 
     orbit: Periodic
@@ -41,27 +45,27 @@ class Local:
     steps: int
     turns: int
     residual: float = np.inf
-    unit: float = 1.0  # of speeds, in residuals
+    unit: float = 1.0  # unit of speeds in residuals
 
     def at(self, s: Array) -> Array:
-        """States (2, n) (τ not folded, v) at |s| ≤ size (n,)."""
+        """Return the states (2, n) (τ not folded, v) at |s| ≤ size (n,)."""
         return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        """F^times of states (2, n): which exist (n,), images (2, n), word and number of impacts on Σ⁻ (n,)."""
+        """Return F^times of states (2, n): flags (n,) of existing images, images (2, n), itineraries, Σ⁻ impacts."""
         tau, v = (np.ascontiguousarray(x) for x in states)
         steps, turns = times * self.steps, times * self.turns
         ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, self.orbit.point)
         return ok, np.stack([tau, v]), word, bounces
 
     def image(self, s: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        """F^times(W(s)) for any s (n,), as `map`."""
+        """Return F^times(W(s)) for any s (n,), in the form of `map`."""
         more = max(0, int(np.ceil(np.log(np.abs(s).max() / self.size) / np.log(self.multiplier))))
         return self.map(self.at(s / self.multiplier**more), times + more)
 
 
 def tangent(orbit: Periodic) -> Array:
-    """DΠ^k (2, 2) of the orbit in (τ, v); infinite at a graze."""
+    """Return DΠ^k (2, 2) of the orbit in (τ, v); it is infinite at a graze."""
     product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
         found = power_map(tau, v, 1, orbit.point)
@@ -87,19 +91,20 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
 def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
     """Return the local manifold of a saddle.
 
-    It reaches as far as a series of degree 10 has a residual of 1e-12 of its size, v counted in units of this speed.
+    Its size is the largest for which a series of degree 10 has a residual of at most 1e-12 of the size, with v in this
+    unit.
 
     Returns
     -------
     Local
-        Coefficients of the series, and how far it holds.
+        Coefficients of the series, and its size.
 
     Raises
     ------
     ParameterError
-        If the orbit is no saddle.
+        If the orbit is not a saddle.
     RattleError
-        If it is too close to grazing.
+        If the saddle is too close to grazing.
     """
     large, small = orbit.multipliers
     saddle = orbit.admissible and np.isfinite(large) and abs(large) > 1.0 > abs(small) > 0.0
@@ -123,9 +128,10 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
 
 
 def _solved(start: Local, size: float, derivative: Array) -> Local | None:
-    """Return the series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
+    """Return the series on |s| ≤ size with both lowest powers fixed; None if Γ is in the way.
 
-    Order by order W_k changes by (λ^k − DF)⁻¹ of the residual's power k, which is Newton's step but for the bend of F.
+    Order by order W_k changes by (λ^k − DF)⁻¹ times power k of the residual, which is Newton's step without the second
+    derivative of F.
 
     Returns
     -------
@@ -147,7 +153,7 @@ def _solved(start: Local, size: float, derivative: Array) -> Local | None:
             return None
         off = states - local.at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
-        new = local.powers.copy()  # off is of F(W(s/λ)) − W(s), so its power k is that of F(W(s)) − W(λs) over λ^k
+        new = local.powers.copy()  # power k of `off`, F(W(s/λ)) − W(s), is power k of F(W(s)) − W(λs) divided by λ^k
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
         if change < 1e-16 or (

@@ -1,4 +1,4 @@
-"""The gear model with stiff contact, of which the impacting model is the limit (docs/stiff.md).
+"""The gear model with stiff contact, whose limit of infinite stiffness is the impacting model (docs/stiff.md).
 
 Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """

@@ -1,4 +1,4 @@
-"""StiffGear: one parameter point of the gear model with stiff contact, and what can be asked of it."""
+"""`StiffGear`: one parameter point of the gear model with stiff contact, and its methods."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from rattle.stiff.map.iterate import iterate
 from rattle.stiff.map.trajectory import trajectory
 from rattle.stiff.orbits import period_one, periodic
 
-LONGEST_RUN = 1e5  # forcing periods of one call
+LONGEST_RUN = 1e5  # longest time that one call follows, in forcing periods
 
 
 class MotionState(NamedTuple):
-    """State of a motion after a time.
+    """The state of a motion after a time.
 
-    Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
-    fixed times, of determinant e^(−δ time).
+    It has Φ, Φ', the numbers of contacts with each wall that began, and the tangent map (2, 2) ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
+    fixed times, whose determinant is e^(−δ time).
     """
 
     position: float
@@ -43,14 +43,27 @@ class MotionState(NamedTuple):
 
 @dataclass(frozen=True)
 class StiffGear(Sampled, Rattling):
-    """Stiff gear model at one parameter point.
+    """The stiff gear model at one parameter point.
 
-    Damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and stiffness kappa > 0, all dimensionless.
+        Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt,
 
-    Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt, where B(Φ) is the depth of Φ beyond ±β; time in forcing
-    periods. States are (Φ, Φ') at a time, or (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the
-    impacting model `rattle.Gear`, its limit κ → ∞. Raises ParameterError on other parameters. Source: Mason and
-    Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.1), (2.2); docs/stiff.md.
+    where B(Φ) is the depth of Φ beyond ±β; time is in forcing periods. A state is (Φ, Φ') at a time, or (τ, v): a
+    departure from Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the impacting model `rattle.Gear`, the limit κ
+    → ∞.
+
+    Parameters
+    ----------
+    delta, epsilon, beta, kappa : float
+        Damping > 0, eccentricity ≥ 0, half-backlash > 0 and stiffness > 0, dimensionless.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is outside its domain.
+
+    References
+    ----------
+    Mason and Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.1), (2.2); docs/stiff.md.
     """
 
     delta: float
@@ -63,30 +76,30 @@ class StiffGear(Sampled, Rattling):
 
     @property
     def quiet_limit(self) -> float:
-        """ε from which permanent contact with Σ⁺ is lost."""
+        """Eccentricity above which permanent contact with Σ⁺ is lost."""
         return float(quiet.quiet_limit(self.delta, self.kappa))
 
     @property
     def sn1(self) -> float:
-        """ε at which A and C are born at this damping. Raises RattleError where they are not born so."""
+        """Eccentricity at which A and C are born at this damping. Raises RattleError where SN1 does not exist."""
         return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> MotionState:
         """Return the motion from (Φ, Φ') at this phase, after a time in forcing periods.
 
-        After a whole number of periods it is the stroboscopic map.
+        After a whole number of periods this is the stroboscopic map.
 
         Returns
         -------
         MotionState
-            Φ and Φ' then, contacts begun on the way, and the tangent map.
+            Φ and Φ' at that time, the contacts begun before, and the tangent map.
 
         Raises
         ------
         ParameterError
             If an argument is outside its domain.
         RattleError
-            Where the numbers leave double precision.
+            If a number leaves double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         time, tau = require_number("time", time), _phase(phase)
@@ -129,7 +142,7 @@ class StiffGear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure from Σ⁺, (τ, v), of the motion that is at this phase, position Φ and velocity Φ'.
+        """Return the first departure from Σ⁺, (τ, v), of the motion with this phase, position Φ and velocity Φ'.
 
         The motion may be in the gap or in contact.
 
@@ -143,19 +156,19 @@ class StiffGear(Sampled, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            Where the numbers leave double precision.
+            If a number leaves double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(*self._point, _phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast; see `rattle.stiff`. Raises ParameterError."""
+        """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast; see `rattle.stiff`. Raises ParameterError."""
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, sampled over these periods.
+        """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, over a number of forcing periods.
 
-        It is as `Gear.trajectory`, with the contacts that the motion begins in place of impacts.
+        The result is that of `Gear.trajectory`, with the beginnings of contacts in place of impacts.
 
         Returns
         -------
@@ -167,12 +180,12 @@ class StiffGear(Sampled, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            Where the numbers leave double precision.
+            If a number leaves double precision.
         """
         return trajectory(*self._point, _phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        """Return the admissible counterparts of A, B, C and D by their letters, and other P(1,1,0) as "P"."""
         added = {"kappa": self.kappa}
         return tuple(
             Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point[:3], added)
@@ -180,9 +193,9 @@ class StiffGear(Sampled, Rattling):
         )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
-        """Return the periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺.
+        """Return the periodic motion near a departure (τ, v) that repeats after n_plus contacts with Σ⁺.
 
-        It has its least period; see `stiff_orbit`.
+        The motion has its least period; see `stiff_orbit`.
 
         Returns
         -------
@@ -192,11 +205,11 @@ class StiffGear(Sampled, Rattling):
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """Return a saddle among `orbits`, for its manifolds."""
+        """Return an orbit of `orbits` as a saddle with manifolds."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:
-        """Region 1…5 (I…V) by the counterparts of A–D; another set by its number in `rattle.REGIONS`."""
+        """Region 1…5 (I…V) by the counterparts of A–D. Other sets have numbers in `rattle.REGIONS`."""
         return int(period_one.regions(*self._point))
 
     @property
@@ -209,5 +222,5 @@ class StiffGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return one finite phase folded into [0, 1)."""
+    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
     return float(law.folded(require_finite("phase", phase)))

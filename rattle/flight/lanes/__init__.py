@@ -1,1 +1,1 @@
-"""Many flights in step, in the lanes of a processor's vectors."""
+"""Many flights computed at once, one in each lane of a processor's vector registers."""

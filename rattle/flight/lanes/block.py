@@ -1,4 +1,4 @@
-"""A block of lanes: what every lane carries, and how trajectories are put on lanes and taken off (compiled)."""
+"""A block of lanes: the data of every lane, and how trajectories are put on lanes and taken off (compiled)."""
 
 import math
 from itertools import accumulate
@@ -11,15 +11,15 @@ from rattle.flight.forcing import DRIFT, Arc, negative_arc, phase_at, plus_slope
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
-LANES, GROUP = 192, 16  # lanes are flown in groups, as many as are in use
-#: All groups, no group or sample, and one flight: of a type that makes no variants of kernels, as numbers in them do.
+LANES, GROUP = 192, 16  # lanes of a block, and of a group; only groups in use are computed
+#: All groups, none, and one, as np.int64: Python integers would compile further variants of the kernels.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: from there a better guess pays
-HUGE = 1e100  # what a tangent vector may grow to between two looks
+ROUGHNESS = 0.75  # share of the amplitude at which the contact force changes sign; above it a better first guess pays
+HUGE = 1e100  # largest growth of a tangent vector between two checks
 ZERO, ONE = f32(0.0), f32(1.0)
 
-#: Of these there are copies in single precision, with the same names and an underscore.
+#: Fields that also have a copy in single precision, named with a trailing underscore.
 _STATE = ("tau", "w", "wall", "sin0", "cos0")
 _PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
 #: Double precision: what a lane carries is that, the impacts counted, at most `limit` on Σ⁺, and why it stopped early;
@@ -52,7 +52,7 @@ FIELDS = (
     | dict.fromkeys((*_CARRIED_32, *_STATE_32, "a_", *_GUESSED, *_COMPACTED, *_FOUND), np.float32)
     | dict.fromkeys(("who", "todo"), np.int64)
 )
-#: What is done with many fields in turn is done in tables (field, lane) over the same bytes: those of neighbours.
+#: Tables (field, lane) over the bytes of neighbouring fields, for loops over many fields.
 TABLES = {
     "state": _STATE,
     "state_": _STATE_32,
@@ -66,7 +66,7 @@ TABLES = {
 
 
 def _layout() -> np.dtype[np.void]:
-    """Return the dtype of one block: the fields one after the other, each of whole cache lines, and the tables."""
+    """Return the dtype of one block: the fields in turn, each on whole cache lines, and the tables over them."""
     ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
     offsets = dict(zip([*FIELDS, ""], ends, strict=True))
     fields = [(name, (of, (LANES,)), offsets[name]) for name, of in FIELDS.items()]
@@ -80,20 +80,20 @@ BLOCK = _layout()
 
 @inline
 def flag(condition):
-    """1 or 0 as a float32, which keeps a stage's numbers of one width."""
+    """Return 1 or 0 as a float32, so that all numbers of a stage have the same width."""
     return ONE if condition else ZERO
 
 
 @inline
 def flight32(b, i):
     """Return the flight of lane i, in single precision."""
-    k = np.uint64(i)  # a number that might count from the end keeps some loops from becoming vector instructions
+    k = np.uint64(i)  # an unsigned index, because a possibly negative one prevents vectorisation
     return Flight(b.w_[k], b.a_[k], b.sin0_[k], b.cos0_[k], b.delta_[k], b.epsilon_[k])
 
 
 @inline
 def flight64(b, i):
-    """Return the same in double precision."""
+    """Return the flight of lane i in double precision."""
     k = np.uint64(i)
     a = plus_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
     return Flight(b.w[k], a, b.sin0[k], b.cos0[k], b.delta[k], b.epsilon[k])
@@ -101,14 +101,14 @@ def flight64(b, i):
 
 @inline
 def arc32(b, i):
-    """Return the arc of lane i."""
+    """Return the arc of negative contact force of lane i."""
     k = np.uint64(i)
     return Arc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
 
 
 @kernel
 def load(b, i, tau, v, delta, epsilon, beta, limit):
-    """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, until it has made limit impacts there."""
+    """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, to be followed for `limit` impacts on Σ⁺."""
     for field in range(len(b.carried)):
         b.carried[field, i] = 0.0
     b.tau[i], b.w[i], b.wall[i], b.limit[i] = tau, -v, 1.0, limit
@@ -121,7 +121,7 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
     b.rough[i] = flag(swings_beyond(ROUGHNESS, delta, epsilon))
-    b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference that nothing is near
+    b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference state that no state is close to
 
 
 @kernel
@@ -137,7 +137,7 @@ def move(b, i, j):
 
 @kernel
 def close_ranks(b):
-    """Move trajectories to the first lanes. Returns the groups of lanes that are still in use."""
+    """Move the trajectories to the first lanes, and return the number of groups in use."""
     i, j = 0, LANES - 1
     while True:
         while i < LANES and b.who[i] >= 0:
@@ -151,14 +151,14 @@ def close_ranks(b):
 
 @inline
 def stretched(b, i):
-    """Return ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
+    """Return ln stretch and ln|det| of lane i in (t, w²/2) since the last call, and normalise its tangent vector.
 
-    In these coordinates a flight has determinant e^(−δs), as dw²/2 = w dw at both ends.
+    In these coordinates a flight has the determinant e^(−δs), because dw²/2 = w dw at both ends.
 
     Returns
     -------
     tuple[float, float]
-        ln stretch and ln|determinant|.
+        ln stretch and ln|det|.
     """
     w = b.w[i]
     energy = b.w_tangent[i] * w
@@ -170,7 +170,7 @@ def stretched(b, i):
 
 @inline
 def overflows(b, i):
-    """Return whether lane i's tangent vector or its determinant must be reset before they leave double precision."""
+    """Return whether the tangent vector or determinant of lane i must be reset to stay within double precision."""
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
     return not inside
@@ -178,7 +178,7 @@ def overflows(b, i):
 
 @kernel
 def empty(b):
-    """Return a block without trajectories: every lane has reached its limit."""
+    """Clear a block: no lane has a trajectory, and every lane has reached its limit."""
     for i in range(LANES):
         load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
         b.who[i] = -1
@@ -186,7 +186,7 @@ def empty(b):
 
 @inline
 def ended(b, i):
-    """Return whether lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
+    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
@@ -194,14 +194,14 @@ def ended(b, i):
 
 @inline
 def synchronise(b, groups):
-    """Sine and cosine of the phase afresh: carried from flight to flight they drift by rounding."""
+    """Recompute the sine and cosine of all phases, which drift by rounding when updated from flight to flight."""
     for i in range(GROUP * groups):
         b.sin0[i], b.cos0[i] = phase_at(b.tau[i])
 
 
 @inline
 def made_ready(b, groups, none_waits):
-    """Before the next flights: close ranks once no trajectory waits for a lane, and synchronise; the groups in use."""
+    """Prepare the block for flights: close ranks unless trajectories wait, synchronise; return groups in use."""
     if none_waits:
         groups = close_ranks(b)
     synchronise(b, groups)
@@ -210,12 +210,12 @@ def made_ready(b, groups, none_waits):
 
 @inline
 def roughest(b, groups):
-    """Return the roughest stage that the lanes need.
+    """Return the most demanding stage that any lane needs.
 
     Returns
     -------
     int
-        ARCS if the contact force changes sign on any lane, ROUGH if it comes near that, else SMOOTH.
+        ARCS if the contact force of some lane changes sign, ROUGH if one comes close to that, else SMOOTH.
     """
     found = SMOOTH
     for i in range(GROUP * groups):
@@ -226,7 +226,7 @@ def roughest(b, groups):
 def block() -> np.ndarray:
     """Return memory for one block (1,), aligned to cache lines.
 
-    Kernels take the array: numba takes no record whose fields overlap from Python.
+    Kernels take this array, because numba does not accept a record with overlapping fields from Python.
 
     Returns
     -------

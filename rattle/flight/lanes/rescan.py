@@ -1,6 +1,6 @@
-"""The lanes of a block that the first guess left without proof, located afresh (compiled).
+"""Locate again the impacts of lanes whose first guess was not proved (compiled).
 
-They are compacted, scanned at fixed steps, and proved from what the scan saw. docs/kernel.md has the proofs.
+The lanes are compacted, scanned at fixed steps, and proved from the scan. docs/kernel.md has the proofs.
 """
 
 import numpy as np
@@ -26,12 +26,12 @@ from rattle.flight.law import Flight
 from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
 from rattle.numerics.compile import inline, kernel
 
-SCANNED, SAFE = range(2)  # what `paths` counts: flights that took this second attempt, and the search
+SCANNED, SAFE = range(2)  # indices of `paths`: flights located by this second attempt, and by the search
 
 
 @kernel
 def second_attempt(b, groups, force, paths):
-    """Lanes without proof, compacted and located afresh from a scan at fixed steps; their proof is then tried again."""
+    """Compact the lanes without proof, locate their impacts by a scan at fixed steps, and try the proof again."""
     n = compact(b, groups)
     paths[SCANNED] += n
     if n == 0:
@@ -50,10 +50,10 @@ def second_attempt(b, groups, force, paths):
 
 @inline
 def compact(b, groups):
-    """Copy what a scan needs of the lanes without proof to the first places; how many there are."""
+    """Copy the lanes without proof to the first places, and return their number."""
     n = 0
     for i in range(GROUP * groups):
-        b.todo[np.uint64(n)] = i  # no branch, which the processor could not foresee
+        b.todo[np.uint64(n)] = i  # written without a branch, which the processor could not predict
         n += (b.proved[i] == ZERO) & (b.n_plus[i] < b.limit[i])
     for k in range(n):
         place, lane = np.uint64(k), np.uint64(b.todo[k])
@@ -64,21 +64,21 @@ def compact(b, groups):
 
 @inline
 def flight_scanned(b, i):
-    """Return the flight at place i of those to be scanned."""
-    k = np.uint64(i)  # as in `flight32`
+    """Return flight i of the compacted lanes."""
+    k = np.uint64(i)  # an unsigned index, as in `flight32`
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
 @inline
 def arc_scanned(b, i):
-    """Return the phase arc where the contact force of lane i is negative."""
+    """Return the arc of negative contact force of compacted lane i."""
     k = np.uint64(i)
     return Arc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 
 
 @inline
 def scan(b, n, padded):
-    """Points of the n flights at fixed steps, until each has ended; those that pad them count as ended."""
+    """Evaluate the n flights at fixed steps until each has ended. Padding lanes count as ended."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
@@ -95,21 +95,21 @@ def scan(b, n, padded):
             b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(now.turned), flag(now.ended), flag(now.falls)
         left = np.int32(0)
         for k in range(padded):
-            left = np.int32(left | np.int32(b.z_ended[k] == ZERO))  # numba makes 64 bits of an or
+            left = np.int32(left | np.int32(b.z_ended[k] == ZERO))  # numba widens the result of `or` to 64 bits
         if left == 0:
             break
 
 
 @inline
 def locate(b, n):
-    """Depth of the last turning point that the scan found, and the impact to single precision."""
+    """Compute the depth of the last turning point that the scan found, and the impact in single precision."""
     for k in range(n):
         wall, gap, flight = b.z_wall[k], b.z_gap[k], flight_scanned(b, k)
         turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
         series = taylor(turn, flight)
         lowest, minimum = depth(turn, series, flight)
         b.z_f[k] = minimum.bound if flight.delta * turn < TOO_FAR else UNBOUNDED
-        misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # between two points of the scan
+        misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # the flight met Σ⁻ between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
         level = level_of(wall, falls > ZERO, gap)
         near_turn = turn + local_root(falls == ZERO, level, series)
@@ -123,7 +123,7 @@ def locate(b, n):
 
 @inline
 def prove_scanned(b, n):
-    """Return whether the located impacts are certain to be the first, where the contact force keeps its sign."""
+    """Prove the located impacts to be the first, for flights whose contact force keeps its sign."""
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], flight_scanned(b, k))
@@ -132,7 +132,7 @@ def prove_scanned(b, n):
 
 @inline
 def prove_scanned_turns(b, n):
-    """Return the same, where it changes sign on some lane."""
+    """Prove the located impacts to be the first, where the contact force of some lane changes sign."""
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
         flight, arc, minimum = flight_scanned(b, k), arc_scanned(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])

@@ -31,12 +31,12 @@ from rattle.flight.proof import clears_the_gap, is_located, single_turn
 from rattle.flight.tangent import carried
 from rattle.numerics.compile import inline, kernel
 
-LEAST = -np.finfo(np.float64).max  # of all numbers
+LEAST = -np.finfo(np.float64).max  # the smallest finite number
 
 
 @inline
 def copy_to_single(b, groups):
-    """Single-precision copies of the state; a loop of its own, because mixed widths would halve the others' vectors."""
+    """Copy the state to single precision, in a loop of its own because mixed widths halve the vector length."""
     for field in range(len(b.state)):
         for i in range(GROUP * groups):
             b.state_[field, i] = f32(b.state[field, i])
@@ -44,7 +44,7 @@ def copy_to_single(b, groups):
 
 @inline
 def guess(b, groups):
-    """Return a of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
+    """Compute A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
         b.a_[i] = plus_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
@@ -52,16 +52,17 @@ def guess(b, groups):
 
 @inline
 def improve(b, groups):
-    """Return a better guess, worth its time where the force varies so much that the mean of the way misleads."""
+    """Improve the guess, where the force varies so much that its mean misleads."""
     for i in range(GROUP * groups):
         s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
         s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
-        b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]  # a lane's result must not depend on its neighbours
+        # only rough lanes are improved, so that a lane's result does not depend on its neighbours
+        b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]
 
 
 @inline
 def expand(b, groups):
-    """Taylor coefficients of F at the guess."""
+    """Compute the Taylor coefficients of F at the guess."""
     for i in range(GROUP * groups):
         c = taylor(b.s_[i], flight32(b, i))
         b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i] = c
@@ -69,7 +70,7 @@ def expand(b, groups):
 
 @inline
 def choose_wall(b, groups):
-    """Depth of the turning point: which wall is next, and a lower bound of F that may prove it."""
+    """Compute the turning point's depth, which gives the next wall and a lower bound of F for the proof."""
     for i in range(GROUP * groups):
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
         lowest, minimum = depth(b.s_[i], series, flight32(b, i))
@@ -80,7 +81,7 @@ def choose_wall(b, groups):
 
 @inline
 def solve_locally(b, groups):
-    """Return the root of the Taylor polynomial at the level of the wall."""
+    """Solve the Taylor polynomial for the level of the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
@@ -89,7 +90,7 @@ def solve_locally(b, groups):
 
 @inline
 def solve_again(b, groups):
-    """Return the same from there: far from the turning point the first polynomial is no good."""
+    """Expand at the new time and solve again, because the first polynomial is poor far from the turning point."""
     for i in range(GROUP * groups):
         level, flight = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
         b.s_[i] += local_root(not b.falls[i] > ZERO, level, taylor(b.s_[i], flight))
@@ -97,7 +98,7 @@ def solve_again(b, groups):
 
 @inline
 def refine(b, groups):
-    """Return a step of fourth order towards the wall."""
+    """Refine the time by a step of fourth order towards the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         b.s_[i], b.step[i], b.speed[i] = refined(b.s_[i], level, flight32(b, i))
@@ -105,7 +106,7 @@ def refine(b, groups):
 
 @inline
 def prove(b, groups):
-    """Return whether the impact that was located is certain to be the first."""
+    """Prove that the located impact is the first."""
     for i in range(GROUP * groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
         minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
@@ -115,7 +116,7 @@ def prove(b, groups):
 
 @inline
 def prove_turns(b, groups):
-    """Return the proof's second part, where the contact force changes sign on some lane."""
+    """Complete the proof where the contact force of some lane changes sign."""
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
         certain = single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
@@ -124,7 +125,7 @@ def prove_turns(b, groups):
 
 @inline
 def evaluate_in_double(b, groups):
-    """F above the level of the next wall, F', and what they came from."""
+    """Evaluate in double precision F above the level of the next wall, and F'."""
     for i in range(GROUP * groups):
         gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
@@ -135,7 +136,7 @@ def evaluate_in_double(b, groups):
 
 @inline
 def copy_to_double(b, groups):
-    """Estimates and verdicts of single precision, for the stages that follow."""
+    """Copy the estimates and verdicts of single precision for the following stages."""
     for i in range(GROUP * groups):
         b.s[i] = np.float64(b.s_[i])
         b.target[i] = 1.0 - 2.0 * np.float64(b.falls[i])
@@ -146,8 +147,8 @@ def copy_to_double(b, groups):
 def keep_or_take(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
-    LLVM makes a masked store of a choice that goes back to where the old number came from, and without AVX-512 these
-    are slow. The maximum, which changes no number, hides from LLVM where it came from.
+    Written plainly, LLVM turns the choice into a masked store, which is slow without AVX-512. The maximum changes no
+    number but hides from LLVM where the old number came from.
 
     Returns
     -------
@@ -158,13 +159,13 @@ def keep_or_take(go, new, old):
 
 
 def _land(tangent):
-    """Build the stage that moves the lanes to the impact; a constant of the closure, so the branch leaves the loop."""
+    """Build the stage that moves lanes to their impacts. `tangent` is a constant of the closure, outside the loop."""
 
     @inline
     def land(b, groups):
-        """Return the last step; lanes whose impact is sure, and whose limit is not reached, arrive and are reflected.
+        """Take the last step. Lanes with a proved impact and impacts left arrive and are reflected.
 
-        For `carry` those that do not have a flight of no time, and sin1, cos1 are the forcing at the departure.
+        For `carry`, other lanes have a flight of no duration, and sin1 and cos1 are those of the departure.
         """
         for i in range(GROUP * groups):
             tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
@@ -199,7 +200,7 @@ land_plain, land_tangent = _land(False), _land(True)
 
 @inline
 def carry(b, groups):
-    """Return the tangent vectors of the lanes that have landed."""
+    """Carry the tangent vectors of the lanes that have landed over their flight and impact."""
     for i in range(GROUP * groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
@@ -236,7 +237,7 @@ def loses_energy(b, groups):
 
 @inline
 def enter_contact(b, groups):
-    """Stop the lanes whose chatter is certain to complete: who looks at them knows the release."""
+    """Stop the lanes whose chatter is certain to complete. The caller computes their release."""
     for i in range(GROUP * groups):
         pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
         stops = chatter_completes(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (b.n_plus[i] < b.limit[i])
@@ -246,7 +247,7 @@ def enter_contact(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Fly lane i by the search that cannot skip a crossing, unless it is in contact that lasts."""
+    """Compute the flight of lane i by the search that cannot skip a crossing, unless it is in lasting contact."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
@@ -270,7 +271,7 @@ def search(b, i, paths):
 
 @kernel
 def repair(b, groups, paths):
-    """Fly the lanes without proof one by one."""
+    """Compute the flights of the lanes without proof one by one."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
             search(b, i, paths)
@@ -280,7 +281,7 @@ def repair(b, groups, paths):
 def advance(memory, groups, flights, force, tangent, paths):
     """Fly every lane of a block this many times, with its tangent vector or without.
 
-    Force is what `roughest` says of them. paths counts the flights that went to the scan and to the search.
+    `force` is the result of `roughest`. `paths` counts the flights located by the scan and by the search.
     """
     b = memory[0]
     lossy = loses_energy(b, groups)
@@ -301,7 +302,7 @@ def advance(memory, groups, flights, force, tangent, paths):
             prove_turns(b, groups)
         unproved = np.int32(0)
         for i in range(GROUP * groups):
-            unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))  # numba makes 64 bits of an or
+            unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))  # numba widens the result of `or` to 64 bits
         if unproved:
             second_attempt(b, groups, force, paths)
         copy_to_double(b, groups)

@@ -1,9 +1,10 @@
-"""The distance of quiet motion from the basin of another attractor: the least speed after an impact that leads there.
+"""The boundary distance of quiet motion: the least speed after an impact from which another attractor is reached.
 
-Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of the states that do not go to rest. It
-is sought in four steps: a sample of the plane by the classifier of `rattle.attractors.table`; preimages of the basins
-that it found, since all preimages of a basin belong to it, however thin they are; further samples of the strip below
-the least speed so far; then a pattern search from the lowest states found. Whatever counts is an exact trajectory.
+Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of all states that do not become quiet.
+It is computed in four steps: a sample of the plane by the classifier of `rattle.attractors.table`; preimages of the
+basins that the sample found, because all preimages of a basin belong to it, however thin they are; further samples of
+the strip below the least speed so far; and a pattern search from the lowest states found. Every state that counts is
+followed exactly.
 """
 
 from __future__ import annotations
@@ -27,33 +28,42 @@ from rattle.numerics.sampling import sobol
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
-EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
-PREIMAGES, CEILING = 64, 25.0 / 7.0  # steps back from a state, and of the usual speed, from which none comes down again
-STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0  # of a cell to look back from; more near each if they are few, so near
-TRIED = 64  # lowest preimages of a cell that are followed to see whether they count
-STARTS, APART = 4, 1.0 / 32.0  # pattern searches, and the phase between their first states
-SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: near a smooth least place it is flat
-FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
-SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
+SAMPLED, ROUNDS = 1024, 8  # states of one sample of the strip or the plane; most further samples of the strip
+# states at the edges of all capture regions of a cell; fewest and most states of one region
+EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
+# most steps back from a state; speed, in units of the natural one, above which preimages are not followed
+PREIMAGES, CEILING = 64, 25.0 / 7.0
+# states of a cell whose preimages are computed; copies of each if they are few; relative distance of copies
+STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
+TRIED = 64  # lowest preimages of a cell that are followed to their attractors
+STARTS, APART = 4, 1.0 / 32.0  # pattern searches of a cell, and least phase difference between their first states
+SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # shape of a pattern; near a smooth minimum it is flat
+FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # first and last size of a pattern: relative in v, in forcing periods in τ
+# factor on a pattern that found nothing lower; a search this many sizes above the best one is given up
+SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60
-LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # of a state after the first step where damping is strong, and
-PATIENCE = 2  # so many times what the sample needed to get to its orbits, and to rest too if there is chaos
-LASTING = 8  # times as long is followed at last what seems to be chaos
-LOWEST = 1e-6 / 7.0  # of the usual speed, from which the strip is searched where capture is not certain any higher
+LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # bounds of the impacts of a state after the first step, at strong damping
+PATIENCE = 2  # multiple of the impacts that the sample needed to reach its orbits, and in chaotic cells quiet motion
+LASTING = 8  # the lowest states that seem chaotic are finally followed this many times as long
+LOWEST = 1e-6 / 7.0  # least speed of the strip, in units of the natural speed, where capture is not certain above it
 
 Array = NDArray[np.float64]
 
 
 class BoundaryDistance(NamedTuple):
-    """The least impact speed after which quiet motion is lost: arrays of the broadcast shape, or floats of one gear.
+    """The least impact speed that ends quiet motion: arrays of the broadcast shape, or floats of one gear.
 
-    v: the speed; inf if no state up to v_max goes to another attractor, 0 where there is no quiet motion to lose, NaN
-    if undecided states only are left of those that do not go to rest, or (undecided is 0 then) if rest takes more
-    impacts than are waited for: within a few per cent of the quiet limit, more at weak damping, no sample tells it from
-    chaos. tau: the phase of the impact,
-    NaN unless v is positive and finite. undecided: the least speed of a sampled state that no attractor could be told
-    for, inf if there is none; below v, it says that the true distance may be smaller.
+    Attributes
+    ----------
+    v
+        The speed. It is inf if no state up to v_max reaches another attractor, and 0 if there is no quiet motion. It is
+        NaN if all states that do not become quiet are undecided, and also (with undecided = 0) if quiet motion takes
+        more impacts than the limit: within a few per cent of the quiet limit, or more at weak damping, no sample can
+        distinguish it from chaos.
+    tau
+        The phase of the impact; NaN unless v is positive and finite.
+    undecided
+        The least speed of an undecided state, inf if there is none. If it is below v, the true distance may be smaller.
     """
 
     v: Any
@@ -62,10 +72,18 @@ class BoundaryDistance(NamedTuple):
 
 
 class _Cells:
-    """Cells (n,) with a quiet motion: a classifier of states in them, and the lowest states that are known to leave it.
+    """Cells (n,) with a quiet motion: a classifier of states in them, and the lowest states that leave quiet motion.
 
-    chaos: whether what is left of a sample is chaotic; most: impacts that a state may make; tau, v (n, STARTS): the
-    lowest states that go away, v inf where there is none; undecided: the least speed of one that cannot be told.
+    Attributes
+    ----------
+    chaos : flags (n,)
+        True if the unresolved samples are chaotic.
+    most : (n,)
+        Limit of impacts of a state.
+    tau, v : (n, STARTS)
+        The lowest states that reach another attractor; v is inf where there is none.
+    undecided : (n,)
+        The least speed of an undecided state.
     """
 
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
@@ -73,11 +91,11 @@ class _Cells:
         usual = sampled_speeds(None, delta, epsilon, beta)
         self.floor = np.clip(
             capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max
-        )  # all below become quiet
+        )  # slower states become quiet
         self.v_max, self.ceiling = v_max, CEILING * usual
-        self.longer = longest_rest(delta) / LONGEST_REST  # than where damping is strong
+        self.longer = longest_rest(delta) / LONGEST_REST  # factor relative to strong damping
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
-        self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
+        self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
         self.sampled = self.strip_and_plane(n)
         tau, v = (each.copy() for each in self.sampled)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
@@ -86,20 +104,20 @@ class _Cells:
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
         most = MOST_IMPACTS * self.longer
-        self.chaos &= PATIENCE * settled <= most  # else what is left may be on its way to rest
+        self.chaos &= PATIENCE * settled <= most  # otherwise unresolved samples may still become quiet
         captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
         self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
-        """Return the first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
+        """Return the first sample of n cells: states of the strip and of the plane (n, 2 · SAMPLED)."""
         (tau, v), (x, y) = self.strip(self.v_max, 0), sobol(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def sample(self) -> None:
-        """Keep the lowest of the sample that go away, and of their preimages."""
+        """Classify the first sample. Keep its lowest states that reach another attractor and their lowest preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
@@ -107,15 +125,15 @@ class _Cells:
         self.look_back(away, tau, v)
 
     def strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Low-discrepancy states (n, SAMPLED) number i, uniform in τ and ln v, from the floor to each cell's speed."""
+        """Return part i of a low-discrepancy sample (n, SAMPLED), uniform in τ and ln v, up to each cell's speed."""
         x, y = sobol((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
-        """Return whether states (k,) of these cells go to another attractor than quiet motion.
+        """Return whether states (k,) of these cells reach another attractor than quiet motion.
 
-        In a cell with chaos, what is left without an attractor counts as chaotic.
+        In a cell with chaos, a state that reaches no attractor counts as chaotic.
 
         Returns
         -------
@@ -126,7 +144,7 @@ class _Cells:
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
-        """Keep the lowest of these states and of those kept, apart in phase; v is inf where a state does not count."""
+        """Keep the lowest of the new and the known states, at different phases; v is inf for states not to count."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -134,7 +152,7 @@ class _Cells:
             v = np.where(np.abs(wrapped(tau - self.tau[:, i, None])) < APART, np.inf, v)
 
     def edges(self) -> tuple[NDArray[np.int64], Array, Array]:
-        """States (k,) at the edges of the balls of capture that are new since the last call: cell, τ, v."""
+        """Return states (cell, τ, v) at the edges of capture regions that are new since the last call."""
         balls = self.classifier.balls
         cell, p = np.nonzero((np.arange(balls.tau.shape[1]) >= self.balls[:, None]) & (balls.orbit >= 0))
         fresh = p < balls.n[cell]
@@ -148,12 +166,13 @@ class _Cells:
         return np.repeat(cell, each), fold(tau + x), v + y
 
     def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of states (n, k) that leave, of states near these, and of edges of new regions.
+        """Keep the lowest preimages of states (n, k) that reach another attractor, and of edges of new regions.
 
-        The regions are capture regions.
+        If the states are few, copies close to them are added. New regions are capture regions found since the last
+        call.
         """
         number = away.sum(axis=1)[:, None]
-        every = -(-number * (1 + COPIES) // STATES)  # of those near, only so many that there is room for
+        every = -(-number * (1 + COPIES) // STATES)  # every this many-th copy is used, because room is limited
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
@@ -173,7 +192,7 @@ class _Cells:
         self.keep(found_tau, found)
 
     def sample_below(self) -> None:
-        """More samples below the least so far, as long as they find a lower one."""
+        """Sample the strip below the least speed so far again, as long as this finds a lower state."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:
@@ -188,7 +207,7 @@ class _Cells:
             pending = pending[self.v[pending, 0] < before[pending]]
 
     def descend(self) -> None:
-        """Pattern search: from each state to the lowest of those around it, with finer patterns where none is lower."""
+        """Search patterns around each state for a lower one, and refine a pattern that finds none."""
         offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
         sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
         cell = np.repeat(np.arange(len(self.v)), STARTS)
@@ -209,7 +228,7 @@ class _Cells:
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
     def confirm(self) -> None:
-        """Follow for longer what seems to have ended in chaos: what leaves it after all is no more than undecided."""
+        """Follow states that seem chaotic for longer. A state that then becomes quiet counts as undecided only."""
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
         transient = ~self.away(row, self.tau[row, column], self.v[row, column], LASTING)
         row, column = row[transient], column[transient]
@@ -259,9 +278,10 @@ def boundary_distances(
 
 @kernel
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
-    """Return the slowest of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states.
+    """Return the slowest of the preimages Π⁻ᵏ, 0 ≤ k ≤ steps, of each state of flat arrays.
 
-    Each is followed no further than its first preimage above `ceiling`; these and the parameters are arrays too.
+    A state is followed back no further than its first preimage above `ceiling`. `ceiling` and the parameters are
+    arrays.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Classify the samples of cells of the impacting gear: its impact map, flown in lanes."""
+"""The classifier of the impacting gear, whose impact map is computed in lanes."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from rattle.parameters import Parameters
 def elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
-    """Return cells (n,) with elastic impacts, and their largest invariants v³/g that are certain to become quiet."""
+    """Return cells (n,) with elastic impacts. `quiet` holds the largest v³/g that is certain to become quiet."""
     return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
 
 
 def cells_of(parameters: Parameters) -> ImpactingCells:
-    """Return cells with these parameters (n,), as kernels take them."""
+    """Return the record of cells with these parameters (n,) for kernels."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
     return elastic_cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
 
 def roughness_of(cells: Any) -> NDArray[np.float64]:
-    """Return the swing of the contact force over its mean (n_cells,)."""
-    with np.errstate(over="ignore"):  # of a subnormal δ
+    """Return the amplitude of the contact force over its mean (n_cells,)."""
+    with np.errstate(over="ignore"):  # the ratio overflows for a subnormal δ
         return np.asarray(Forcing(cells.epsilon).relative_swing(cells.delta))
 
 
 def alike(which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return these samples in an order in which neighbours need the same stages of a flight: lanes share them."""
+    """Return these samples sorted so that neighbours need the same stages of a flight, which lanes share."""
     return which[np.argsort(-roughness[samples.cell[which]], kind="stable")]
 
 
@@ -53,10 +53,10 @@ def quiet_invariant(parameters: Parameters) -> float:
 
 
 class ImpactingClassifier(Classifier):
-    """The samples of a block of cells on their way, and what is known of the cells."""
+    """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier of any gear; paths (2,) counts how flights were found."""
+        """Prepare the classifier. `paths` (2,) counts the flights located by the scan and by the search."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -68,14 +68,14 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return cells in which nothing is taken to be quiet: periodic orbits never are, and this costs less."""
+        """Return cells without the test for quiet motion, which periodic orbits never need and which takes time."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Follow states as `Classifier` says; a trajectory that becomes quiet goes on bouncing."""
+        """Follow states as `Classifier.iterated` says. A trajectory that becomes quiet goes on bouncing."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -85,7 +85,7 @@ class ImpactingClassifier(Classifier):
         return np.asarray(self.cells.quiet_invariant > 0)
 
     def enter_known_orbits(self) -> None:
-        """Enter the stable orbits of period one, which are known beforehand."""
+        """Add the stable orbits of period one to the tables; other formulas give them without samples."""
         delta, epsilon, beta = self.cells[:3]
         found = stable_cells(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
@@ -97,7 +97,7 @@ class ImpactingClassifier(Classifier):
         self.grow_balls()
 
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these balls of capture, in lanes."""
+        """Find the radii of these capture regions, in lanes."""
         enlarge(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -109,7 +109,7 @@ class ImpactingClassifier(Classifier):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these of the survey's samples with a tangent vector."""
+        """Follow these samples with a tangent vector."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 
@@ -125,10 +125,18 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """Return the attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
+    """Return the attractors of all cells at once; delta, epsilon and beta broadcast, and cells count in C order.
 
-    A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
-    a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max).
+    The attractors of a cell equal those of `Gear.attractors` to the last bit, whatever the other cells are.
+
+    Parameters
+    ----------
+    delta, epsilon, beta : array_like
+        Damping, eccentricity and half-backlash of the cells, dimensionless.
+    count, v_max, seed, budget
+        The sample of each cell, as in `Gear.attractors`.
+    tau, v_min
+        A smaller box of states, tau = (low, high) and v from v_min, instead of [0, 1) × (0, v_max).
 
     Returns
     -------

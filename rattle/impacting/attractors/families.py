@@ -20,16 +20,16 @@ def families_of(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Families:
-    """Return the attractors of the cells epsilon (m,) × delta (n,), joined to families that have one number each.
+    """Return the attractors of the cells epsilon (m,) × delta (n,), joined to numbered families.
 
-    Every stable periodic orbit is continued into the four neighbours of its cell, and from there on, so that cells also
-    have the orbits that their samples missed; chaotic attractors of neighbours are one where they visit the same
-    states.
+    Every stable periodic orbit is continued into the four neighbours of its cell, and from there into theirs. Cells
+    thus also get orbits that their samples missed. Chaotic attractors of neighbouring cells are joined if they visit
+    the same states.
 
     Parameters
     ----------
     count, v_max, seed, budget
-        Of the samples, as in `attractors_of`. docs/families.md has what is meant.
+        The sample of each cell, as in `attractors_of`. docs/families.md defines families.
 
     Returns
     -------

@@ -1,12 +1,12 @@
 """Follow samples of many cells in lanes until each is captured, recurs, or has made its impacts (compiled).
 
-A sample belongs to a cell of the parameter plane. Between chunks of flights every lane that is on Σ⁺ is looked at: is
-it certain to become quiet, is it in the ball of an orbit that its cell is known to have, has it come back to where it
-was (Brent's cycle search: a reference that moves up at powers of two)? A lane that ends is refilled with the next
-sample. What becomes of a sample depends on its cell's known orbits and on nothing else in the block.
+Between chunks of flights every lane that is on Σ⁺ is checked: is it certain to become quiet, is it in the capture
+region of a known orbit of its cell, has it returned to its reference state (Brent's cycle search, whose reference moves
+up at powers of two)? A lane that ends is refilled with the next sample. The outcome of a sample depends on the known
+orbits of its cell and on nothing else in the block.
 
-Where impacts lose energy a chatter may complete: the sample is then RECURRENT with the pause CONTACT, on the wall that
-its gap names, and `rattle.inelastic.attractors` knows how it goes on.
+Where impacts lose energy a chatter may complete. The sample is then RECURRENT with the pause CONTACT, on the wall in
+its field `gap`, and `rattle.inelastic.attractors` continues it.
 """
 
 from typing import Any, NamedTuple
@@ -33,15 +33,17 @@ from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import between, point_of
 
-CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples that are followed for long; prime, so
-# that a periodic motion is seen at all its impacts
-STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
+CHUNK, LONG_CHUNK = 11, 37  # flights between two checks, at first and for long trajectories; prime, so that checks of a
+# periodic motion meet all its impacts
+# flights between two entries of a measured lane in its bitmap; their sum, a prime, between checks
+STRIDES = (6, 6, 6, 5)
 
 
 class ImpactingCells(NamedTuple):
     """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet.
 
-    Where impacts lose energy, capture is v/h² up to which a chatter completes (`rattle.inelastic.map.contact`), else 0.
+    Where impacts lose energy, `capture` is the largest v/h² of a chatter that completes
+    (`rattle.inelastic.map.contact`); otherwise it is 0.
     """
 
     delta: Any
@@ -54,7 +56,7 @@ class ImpactingCells(NamedTuple):
 
 @inline
 def is_quiet(b, i, largest_invariant):
-    """Return whether the bounce of lane i, on Σ⁺, is certain to become quiet."""
+    """Return whether the bounce of lane i on Σ⁺ is certain to become quiet."""
     force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
     return is_captured(-b.w[i], force, largest_invariant)
 
@@ -70,7 +72,7 @@ def fate_of_lane(b, i, cell, cells, balls):
 
 @inline
 def start(b, i, k, cells, samples):
-    """Put sample k on lane i for the impacts that it may still make."""
+    """Put sample k on lane i for its remaining impacts."""
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
     load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
@@ -80,7 +82,7 @@ def start(b, i, k, cells, samples):
 
 @inline
 def finish(b, i, k, status, orbit, samples):
-    """Write lane i back to sample k."""
+    """Write the state of lane i back to sample k."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = b.tau[i], abs(b.w[i]), status, orbit
     samples.impacts[k] += int(b.n_plus[i])
     samples.time[k] += b.time[i]
@@ -89,7 +91,7 @@ def finish(b, i, k, status, orbit, samples):
 
 @inline
 def recurs(b, i, k, samples):
-    """Return whether lane i is back at its reference; the impacts since then go to the sample."""
+    """Return whether lane i is back at its reference, and write the impacts since then to the sample."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
     near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
@@ -103,7 +105,7 @@ def recurs(b, i, k, samples):
 
 @inline
 def look(b, i, k, cells, samples, balls):
-    """Return the outcome of sample k on lane i, or UNRESOLVED while it goes on: (status, orbit, ended)."""
+    """Check lane i of sample k and return (status, orbit, ended); the status is UNRESOLVED while it goes on."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
@@ -121,7 +123,7 @@ def look(b, i, k, cells, samples, balls):
 
 @inline
 def looked_round(b, groups, fresh, which, cells, samples, balls):
-    """Look at every lane in use, and refill those that ended; how many of the samples `which` have begun."""
+    """Check every lane in use, refill those that ended, and return how many of the samples `which` have begun."""
     for i in range(GROUP * groups):
         k = b.who[i]
         if k >= 0:
@@ -138,9 +140,9 @@ def looked_round(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until they end, with so many flights between two looks.
+    """Follow the samples `which` until they end, with this many flights between two checks.
 
-    A sample that makes all its impacts is UNRESOLVED.
+    A sample that makes all its impacts remains UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)
@@ -152,7 +154,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 
 @inline
 def record(b, i, batches):
-    """Add what lane i has stretched, contracted and taken of time to its batch, if it has one, and begin afresh."""
+    """Add time, ln stretch and ln|det| of lane i since the last call to its batch, if it has one."""
     stretch, contraction = stretched(b, i)
     if b.batch[i] >= 0:
         row = batches[int(b.batch[i])]
@@ -162,7 +164,7 @@ def record(b, i, batches):
 
 
 class Observation(NamedTuple):
-    """Observation of probes: impacts and forcing periods (k,) at least; batch sums and bitmaps of each."""
+    """The observation of probes: least impacts and forcing periods (k,), batch sums, and visited-cell bitmaps."""
 
     least: Any
     periods: Any
@@ -172,7 +174,7 @@ class Observation(NamedTuple):
 
 @inline
 def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
-    """Do `looked_round` for lanes with a tangent vector."""
+    """Do the work of `looked_round` for lanes with a tangent vector."""
     for i in range(GROUP * groups):
         j = b.who[i]
         if j >= 0:
@@ -197,7 +199,7 @@ def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
 
 @inline
 def leave_footprints(b, groups, footprints):
-    """Enter where the lanes on Σ⁺ are."""
+    """Enter the states of lanes on Σ⁺ into their visited-cell bitmaps."""
     for i in range(GROUP * groups):
         if b.who[i] >= 0 and b.wall[i] > 0.0:
             mark(b.tau[i], -b.w[i], top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
@@ -205,10 +207,10 @@ def leave_footprints(b, groups, footprints):
 
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """Settle probes with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
+    """Settle probes with a tangent vector, for at least `least` impacts and `periods` forcing periods (k,).
 
-    sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
-    footprints[j] the boxes that it visits.
+    A probe ends earlier at its limit. sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample
+    which[j] after ALIGNMENT impacts. footprints[j] collects the boxes that the sample visits.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     empty(b)

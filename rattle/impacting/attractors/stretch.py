@@ -1,4 +1,4 @@
-"""A further stretch of chaotic motions, flown in lanes: what their impacts sum up to (compiled)."""
+"""Follow chaotic motions further in lanes, and sum over their impacts (compiled)."""
 
 import math
 from typing import Any
@@ -15,13 +15,13 @@ from rattle.impacting.map.iterate import working_block
 from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS, SPEED, SQUARE, TIME
 from rattle.numerics.compile import inline, kernel
 
-CHUNK = 16  # flights between two looks
-LOOKS = 4 * BATCHES  # of a stretch, where damping is strong: some 1000 forcing periods
+CHUNK = 16  # flights between two checks
+LOOKS = 4 * BATCHES  # checks of one motion at strong damping, some 1000 forcing periods
 
 
 @inline
 def gather(b, groups, speeds, squares, impulses, fastest):
-    """Add the impacts that have just been made."""
+    """Add the impacts of the last flight to the sums."""
     for i in range(GROUP * groups):
         speed = abs(before_reflection(b.w[i]))
         speeds[i] += speed
@@ -32,10 +32,10 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 @kernel
 def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each.
+    """Follow motions (n,) of these cells for `looks` (n,) checks, CHUNK flights each, and sum over their impacts.
 
-    Sums (n, BATCHES, COLUMNS), zero before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes
-    (4, LANES) is worked in.
+    `sums` (n, BATCHES, COLUMNS), zero before, collects the impacts in equal parts; NaN for a motion that becomes quiet.
+    `lanes` (4, LANES) is scratch memory.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -80,12 +80,12 @@ def stretch(
 ) -> NDArray[np.float64]:
     """Return the sums over the impacts of chaotic motions (n,) of these cells.
 
-    Each motion is followed `longer` times as long as where damping is strong.
+    Each motion is followed `longer` times as long as at strong damping.
 
     Returns
     -------
     NDArray[np.float64]
-        Sums (n, BATCHES, COLUMNS), NaN of a motion that comes to rest.
+        Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet.
     """
     sums, lanes = np.zeros((cell.size, BATCHES, COLUMNS)), np.zeros((4, LANES))
     fly_and_sum(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))

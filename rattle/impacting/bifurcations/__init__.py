@@ -1,1 +1,1 @@
-"""Branches, events and cascades of the impacting gear; its curves and points of codimension two; its diagram."""
+"""Branches, events and cascades of the impacting gear; its bifurcation curves, codimension-two points and diagrams."""

@@ -1,7 +1,7 @@
-"""Branches of any periodic motion along a line in the (δ, ε) plane, through folds and into grazing.
+"""Branches of any periodic motion along a line in the (δ, ε) plane, through folds and grazes.
 
-The unknowns are the times of the impacts, in which a graze is a regular point: beyond it the branch goes on as a
-virtual one, whose motion would have to pass a wall or leave from behind it, and is flagged as such.
+The unknowns are the times of the impacts, in which a graze is a regular point. Beyond a graze the branch continues as a
+virtual one, whose motion would have to pass a wall or start from behind it; its points are flagged.
 """
 
 from dataclasses import dataclass
@@ -31,17 +31,20 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import at_parameters, twins
 
-LONGEST = 0.05  # of a step, in the unknowns
-FEW_POINTS = 6  # between neighbouring cells
+LONGEST = 0.05  # longest continuation step, in the unknowns
+FEW_POINTS = 6  # points of a branch between neighbouring cells
 SHORTEST_FLIGHT = 1e-6
-TWICE = 1e-5  # nearer to its flip, rounding decides which way a doubled branch turns
-SAME_PLACE = 1e-9  # in the plane, of its scale
-SAME_MOTION = 1e-6  # in times
+TWICE = 1e-5  # distance from its flip below which rounding decides the direction of a doubled branch
+SAME_PLACE = 1e-9  # largest distance in the plane, relative to its scale, of equal points
+SAME_MOTION = 1e-6  # largest difference of times of equal motions
 
 
 @dataclass(frozen=True, repr=False)
 class Branch(FollowedBranch):
-    """Branch of the impacting model: see `FollowedBranch`. unknowns (k, n + 2): times as in `PeriodicOrbit`, δ, ε."""
+    """A branch of the impacting model: see `FollowedBranch`.
+
+    unknowns (k, n + 2) are the n times as in `PeriodicOrbit`, δ and ε.
+    """
 
     itinerary: Itinerary
     events: tuple[Event, ...]
@@ -53,33 +56,34 @@ class Branch(FollowedBranch):
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motions leave the walls (k, n): those of the impacts."""
+        """Return the times at which the motions leave the walls (k, n), which are the times of the impacts."""
         return self.times
 
     @property
     def added(self) -> dict[str, Array]:
-        """No other parameters."""
+        """No parameters besides δ, ε and β."""
         return {}
 
     @property
     def unfolded(self) -> Array:
-        """Times (k, n) that do not jump along the branch."""
+        """Times (k, n) without jumps along the branch."""
         return self.times - self.times[:, :1] + np.unwrap(self.times[:, 0], period=1.0)[:, None]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """A, B, C or D for every point of a period-one branch, "" for the points of any other.
+        """A, B, C or D for each point of a period-one branch, "" for the points of other branches.
 
-        A and B are the saddles with a multiplier above 1; at saddle-nodes they become C and D.
+        A and B are the saddles with a multiplier above 1. At saddle-nodes they become C and D.
         """
         pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
         if pair is None:
             return ("",) * len(self)
         index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
-        return tuple(pair[int(above)] for above in index > 0.0)  # 0 at saddle-nodes, finite at grazes
+        # the index vanishes at saddle-nodes and stays finite at grazes
+        return tuple(pair[int(above)] for above in index > 0.0)
 
     def curve_of(self, event: Event) -> str | None:
-        """Return the curve of `rattle.curves` that an event is on, None if it is on none of them."""
+        """Return the curve of `rattle.curves` on which an event lies, None if on none."""
         return name_of(event)
 
     def orbit(self, index: int) -> PeriodicOrbit:
@@ -90,31 +94,33 @@ class Branch(FollowedBranch):
 def branch(
     orbit: PeriodicOrbit | Orbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """Return the branch of a periodic motion in one parameter, both ways from it.
+    """Return the branch of a periodic motion in one parameter, in both directions from it.
 
-    The branch goes on beyond grazes, where the motion does not happen.
+    The branch continues beyond grazes, where the motion is virtual.
 
     Parameters
     ----------
     orbit : PeriodicOrbit | Orbit
         One of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
-    parameter : Parameter
-        "epsilon" or "delta", and span its (low, high), by default 0.02 either way, below δ = 0.25 in proportion less;
-        or a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1.
+    parameter : "epsilon", "delta" or (dδ, dε)
+        The parameter to change, or a direction in the plane.
+    span : tuple[float, float], optional
+        (low, high) of the parameter, by default ± 0.02 (in proportion less below δ = 0.25). With a direction, the range
+        of its multiples, by default −1 to 1.
     resolution : int
-        Points over the span, at least.
+        Least number of points over the span.
 
     Returns
     -------
     Branch
-        Points ordered along the branch, with the events between them.
+        Points in order along the branch, with the events between them.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the orbit is no solution.
+        If the orbit does not solve the impact equations.
     """
     orbit = as_periodic(orbit)
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
@@ -129,9 +135,9 @@ def branch(
 def doubled(
     event: Event, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """Return the branch of period-doubled motions that leaves a flip (PD), from there.
+    """Return the branch of period-doubled motions that begins at a flip (PD).
 
-    Arguments and errors as `branch`.
+    Other arguments and errors are those of `branch`.
 
     Returns
     -------
@@ -141,7 +147,7 @@ def doubled(
     Raises
     ------
     RattleError
-        If the event is no flip.
+        If the event is not a flip.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
@@ -154,20 +160,19 @@ def doubled(
 
 
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
-    """Return the branches that meet at a graze (GR).
+    """Return the two branches that meet at a graze (GR).
 
-    The first belongs to the motion that misses the wall, the second to the one that touches it. Arguments and errors
-    are those of `branch`.
+    Arguments and errors are those of `branch`.
 
     Returns
     -------
     tuple[Branch, Branch]
-        The branch without the grazing impact, and the one with it.
+        The branch of motions that miss the wall, and that of motions that touch it.
 
     Raises
     ------
     RattleError
-        If the event is no graze.
+        If the event is not a graze.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
@@ -181,37 +186,36 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
 
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
-    """Return the branch through a solution x (n + 2,) of the impact equations.
+    """Return the branch through a solution x (n + 2,) of the impact equations, in both directions.
 
     Other arguments and errors are those of `branch`.
 
     Returns
     -------
     Branch
-        Both ways from the solution.
+        Points in order along the branch.
     """
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
-    """Follow a motion on the straight way to other parameters.
+    """Follow a motion along the straight line to other parameters.
 
-    Where Newton's method finds the motion there at once, close by and as stable, and from it this one here, nothing is
-    looked for on the way.
+    If Newton's method finds the motion there at once, equally stable, and leads back from it, the line is not followed.
 
     Returns
     -------
     PeriodicOrbit | Event | None
-        The motion at the other parameters, or the first event at which it ceases to happen or its stability changes;
-        None if neither can be found.
+        The motion at the other parameters, or the first event at which it ceases to exist or changes stability. None if
+        neither is found.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the orbit is no solution.
+        If the orbit does not solve the impact equations.
     """
     orbit = as_periodic(orbit)
     delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
@@ -231,7 +235,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Return whether Newton's method leads from one motion to the other; next to a fold it may find a neighbour."""
+    """Return whether Newton's method leads back from one motion to the other. Next to a fold it may not."""
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
@@ -244,14 +248,14 @@ def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
 
 
 def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
-    """Why y = (times, p) is no motion of this itinerary and period, None if it is."""
+    """Return why y = (times, p) is no motion of this itinerary and period; None if it is one."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
     return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
 
 
 def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
-    """Return the branch through y = (times, p), in the direction of rising p there."""
+    """Return the branch through y = (times, p) in both directions, ordered so that p rises at y."""
     followed = _follower(itinerary, line).both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:

@@ -9,7 +9,7 @@ from rattle.impacting.bifurcations.branches import Branch, branch, doubled
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 
-MOST_DOUBLINGS = 8  # time grows by six with each
+MOST_DOUBLINGS = 8  # each further doubling takes about six times as long
 
 
 def cascade(
@@ -17,10 +17,9 @@ def cascade(
 ) -> tuple[Event, ...]:
     """Return the period-doubling cascade of a stable motion as the parameter grows.
 
-    It holds the flip at which it loses stability, that of the doubled motion and so on, for so many doublings, or up to
-    the graze or saddle-node that ends a stable branch.
-
-    Arguments and errors as `branch`.
+    The cascade holds the flip at which the motion loses stability, then the flip of the doubled motion and so on. It
+    ends after `doublings` flips, or at the graze or saddle-node that ends a stable branch. Other arguments and errors
+    are those of `branch`.
 
     Returns
     -------
@@ -44,7 +43,7 @@ def cascade(
 def _around(
     event: Event, parameter: Parameter, span: Span, reach: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Direction and span of the part of a line within this reach of an event: the next doubling is nearer."""
+    """Return direction and span of the part of a line within `reach` of an event, where the next doubling lies."""
     line = line_through(event.delta, event.epsilon, parameter, span)
     reach /= float(np.hypot(*line.direction))
     low, high = max(line.span[0], -reach), min(line.span[1], reach)
@@ -52,7 +51,7 @@ def _around(
 
 
 def _loss_of_stability(here: Branch) -> Event | None:
-    """Return the first event, from the start of the branch on, at which it stops being stable."""
+    """Return the first event along the branch at which its motion ceases to be stable."""
     stable = [*here.stable[here.start :], False]
     if True not in stable:
         return None

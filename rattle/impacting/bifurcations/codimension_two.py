@@ -1,14 +1,14 @@
-"""Codimension-two points, where bifurcation curves of the period-one motions meet, and how they touch there.
+"""Codimension-two points, where bifurcation curves of the period-one motions meet, and the order of their contact.
 
-All lie on the one smooth grazing curve of which C makes the part called G1 and A the part called G2. With T the trace
-of the grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the
-two impacts (`rattle.impacting.orbits.equations`), along it
+All lie on the one smooth grazing curve. C grazes on its part G1, and A on its part G2. Let T be the trace of the
+grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the motion
+with both impacts (`rattle.impacting.orbits.equations`). Along the grazing curve the points are
 
     COD20: T = −1 − E        COD21: T = 2 e^(−δ/2)        COD23: M = 0        COD22: T = 1 + E (τ = 3/4).
 
-Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. So their saddle-node and
-their flip, at which it is 1 + E and −1 − E, reach the graze together, where M vanishes: at COD23. The paper has them
-end at COD21, where the multipliers turn real; the two points differ (docs/paper.md).
+Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. Their saddle-node and
+their flip, where the trace is 1 + E and −1 − E, therefore reach the graze together where M vanishes, at COD23. In the
+paper they end at COD21, where the multipliers become real; the two points differ (docs/paper.md).
 """
 
 import math
@@ -27,13 +27,13 @@ from rattle.impacting.bifurcations.starts import members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
-#: Below, the points at 4β/π are closer together than rounding lets them be told apart.
+#: Least half-backlash. Below it rounding does not separate the points, which lie near δ = 4β/π.
 LEAST_BACKLASH = 1e-6
 Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """1 + E − T."""
+    """Return 1 + E − T."""
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
@@ -47,12 +47,12 @@ def _equal_multipliers(delta: float, beta: float) -> float:
 
 
 def _two_thirds(delta: float, beta: float) -> float:
-    """Larger multiplier 2/3: T = 2/3 + 3/2 E."""
+    """Return a function that vanishes where the larger multiplier is 2/3, T = 2/3 + 3/2 E."""
     return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
 
 
 def _no_square_root(delta: float, beta: float) -> float:
-    """−M: the square root drops out of the trace."""
+    """Return −M. At M = 0 the square root drops out of the trace."""
     sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
@@ -62,9 +62,9 @@ def _no_square_root(delta: float, beta: float) -> float:
 
 @dataclass(frozen=True)
 class Condition:
-    """Codimension-two point: the condition along the grazing curve, and the curves that meet there.
+    """A codimension-two point: its condition along the grazing curve, and the curves that meet there.
 
-    Each curve has the side on which it exists (−1: smaller δ).
+    Each curve has the side on which it exists; −1 means smaller δ.
     """
 
     meaning: str
@@ -92,8 +92,15 @@ POINTS = {
 class CodimensionTwo:
     """A codimension-two point of the (δ, ε) plane.
 
-    curves: the names of those that meet there. tangency: for pairs of them the order p of |ε₁ − ε₂| ∝ |Δδ|^p, measured
-    (1: they cross, 2: they touch); a pair that cannot be followed, at extreme backlash, is left out.
+    Attributes
+    ----------
+    name, delta, epsilon
+        The point.
+    curves : tuple[str, ...]
+        The curves that meet there.
+    tangency : dict
+        For pairs of curves the measured order p of |ε₁ − ε₂| ∝ |Δδ|^p: 1 if they cross, 2 if they touch. At extreme
+        backlash a pair that cannot be followed is left out.
     """
 
     name: str
@@ -105,16 +112,20 @@ class CodimensionTwo:
 
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
-    """Return the points COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta.
+    """Return the codimension-two points COD20, COD21, COD23 and COD22 (by rising δ at β = 0.6) at a half-backlash.
 
-    Points that it does not have are left out, and below β = 1e-6 all. Positions are good to about 1e-12, orders come
-    from a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are the paper's (section 5.2);
-    COD20 and COD23 are not in it.
+    Positions are accurate to about 1e-12. Orders of contact come from a fit over three decades of distance. COD21 and
+    COD22 are in the paper (section 5.2), COD20 and COD23 are not.
 
     Returns
     -------
     tuple[CodimensionTwo, ...]
-        Each with its δ and ε, and the curves that meet there.
+        The points that exist at this half-backlash; none below β = 1e-6.
+
+    Raises
+    ------
+    ParameterError
+        If beta is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
     return _points(beta)
@@ -135,10 +146,10 @@ def _points(beta: float) -> tuple[CodimensionTwo, ...]:
 
 @lru_cache(maxsize=256)
 def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, float]:
-    """(δ, ε) of the first point at which a residual that is positive at small damping vanishes along the graze."""
+    """Return (δ, ε) of the first point of the grazing curve where a residual, positive at small damping, vanishes."""
     if beta < LEAST_BACKLASH:
-        raise RattleError(f"{name} is not resolved in double precision for beta = {beta}")
-    from scipy.optimize import brentq  # a quarter of a second to load
+        raise RattleError(f"double precision does not resolve {name} at beta = {beta}")
+    from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where 2πδ just crosses the gap
     values = np.array([residual(x, beta) for x in scan])
@@ -151,21 +162,21 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
 
 
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
-    """Return the measured order at which each pair of curves touches.
+    """Return the measured order of contact of each pair of curves at a point.
 
-    A curve that ends there is continued virtually. Farther away than a share of δ of the point's own damping, curves
-    that touch are as straight as those that cross.
+    A curve that ends at the point is continued virtually. Distances are a share of the point's damping, beyond which
+    touching curves look like crossing ones.
 
     Returns
     -------
     dict[tuple[str, str], float]
-        1 for curves that cross, 2 for those that touch, by the pair's names.
+        By the pair's names: 1 for curves that cross, 2 for curves that touch.
     """
     distances = np.geomspace(1e-5, 1e-2, 13) * delta * plane_scale(delta)
     orders = {}
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:
-            continue  # one smooth curve
+            continue  # both are parts of one smooth curve
         offsets = curves[other] * distances
         try:
             gaps = _near(one, delta, epsilon, beta, offsets) - _near(other, delta, epsilon, beta, offsets)
@@ -176,12 +187,12 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
 
 
 def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
-    """ε of a curve, real or virtual, at these offsets of δ from a point on it, farther and farther away."""
+    """Return ε of a curve, real or virtual, at growing offsets of δ from a point on it."""
     definition = CURVES[name]
     problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
     starts = definition.starts(delta, beta)
     if not starts:
-        raise RattleError(f"{name} has no start at delta = {delta}")
+        raise RattleError(f"no solution of {name} is known at delta = {delta}, from which the curve could be followed")
     x = _solved(problem, min(starts, key=lambda x: abs(float(x[-1]) - epsilon)), delta)
     rising = np.zeros(x.size)
     rising[-2] = 1.0
@@ -203,18 +214,24 @@ def _solved(problem: ContinuationProblem, guess: Array, delta: float) -> Array:
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
-    """Return the damping interval of the paper's condition for robust chaos at G1.
+    """Return the damping interval in which the paper's condition for robust chaos at G1 holds.
 
-    The larger multiplier of the grazing C is real and in (2/3, 1) there.
-
-    From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the
-    larger reaches 2/3. Below COD23 the chaos is not born at G1 but there already (docs/paper.md). Raises
-    ParameterError, and RattleError if this backlash has no such point. Source: paper, section 5.2.
+    The condition is that the larger multiplier of the grazing C is real and lies in (2/3, 1). The interval runs from
+    COD21 to COD22. At large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, it begins where the
+    larger one reaches 2/3. Below COD23 the chaos is not born at G1 but exists there already (docs/paper.md). Source:
+    paper, section 5.2.
 
     Returns
     -------
     tuple[float, float]
-        The lowest and the highest δ.
+        The least and the largest δ.
+
+    Raises
+    ------
+    ParameterError
+        If beta is outside its domain.
+    RattleError
+        If this half-backlash has no such point.
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_on_grazing(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))

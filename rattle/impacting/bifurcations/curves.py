@@ -26,11 +26,11 @@ from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
 
-MOST_ACROSS = 1000  # points
-BESIDE = 1e-7  # of a damping
-REACH = 8.0  # half-backlashes of damping: COD22 is near 4/π of them, and every curve passes below
-LEAST_DELTA = 1e-5  # below, times of motions differ by less than rounding
-SAME_POINT = 1e-6  # of a damping
+MOST_ACROSS = 1000  # most points across a window
+BESIDE = 1e-7  # relative distance in δ from the end of a curve
+REACH = 8.0  # damping, in half-backlashes, below which every curve passes; COD22 is near 4/π
+LEAST_DELTA = 1e-5  # damping below which times of motions differ by less than rounding
+SAME_POINT = 1e-6  # largest relative difference in δ of equal points
 ALL_EPSILON = (0.0, 1.0)
 
 
@@ -55,14 +55,14 @@ def trace(
     Returns
     -------
     Curve
-        In pieces, each from one end in the window to the other.
+        Its pieces inside the window, each from end to end.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        Where rounding keeps the curve from being followed.
+        If rounding prevents the curve from being followed.
     """
     require_one_of("name", name, NAMES)
     beta = require_number("beta", beta, positive=True)
@@ -96,7 +96,7 @@ def _dampings(window: PlaneWindow, beta: float) -> Array:
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
     spread = spread_between(low, high)
-    if low < REACH * beta < high - low:  # a wide window, in which this spacing would miss the curves
+    if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
         spread = np.concatenate([spread_between(low, REACH * beta), spread])
     return np.array([*spread, low, high, *inside])
 
@@ -107,18 +107,16 @@ def bifurcation_curve(
     epsilon: tuple[float, float] = ALL_EPSILON,
     resolution: int = POINTS_ACROSS,
 ) -> Curve:
-    """Return the saddle-node, flip or grazing curve through an event on a branch, inside a window of the plane.
+    """Return the saddle-node, flip or grazing curve through an event of a branch, inside a window of the plane.
 
-    The branch (`rattle.branch`) may be of any periodic motion.
-
-    The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
-    `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
-    the wall.
+    The branch (`rattle.branch`) may be of any periodic motion. The curve of an admissible event ends where its motion
+    becomes virtual; that of a virtual event continues. Points are those of `trace`, at least `resolution` of them
+    across the window. At a graze tau and v are those of the motion that touches the wall.
 
     Returns
     -------
     Curve
-        In pieces, each from one end in the window to the other.
+        Its pieces inside the window, each from end to end.
 
     Raises
     ------
@@ -144,7 +142,7 @@ def bifurcation_curve(
 
 
 def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
-    """Itinerary, unknowns and grazing impact of an event, impact 0 one on Σ⁺ that does not graze, if there is one."""
+    """Return itinerary, unknowns and grazing impact of an event, rotated to begin with a regular impact on Σ⁺."""
     itinerary = event.itinerary
     begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
     impact = None if event.impact is None else (event.impact - begin) % itinerary.n
@@ -156,13 +154,13 @@ def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
 
 
 def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
-    """Phase, speed and multipliers of the motion of x, at a graze of the one that misses the wall."""
+    """Return phase, speed and multipliers of the motion at x; at a graze, of the motion that misses the wall."""
     tau = float(x[0] - np.floor(x[0]))
     return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 
 
 def _named(name: str, x: Array, reason: str, beta: float) -> str:
-    """Before the reason why a curve ends, the nearest of the codimension-two points on it, if it ends there."""
+    """Prefix the reason why a curve ends with the codimension-two point at which it ends, if any."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)
@@ -173,9 +171,9 @@ def _named(name: str, x: Array, reason: str, beta: float) -> str:
 
 
 def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
-    """Return the curve on which the contact force on Σ⁺ just reaches 0.
+    """Return the curve `quiet_limit`, on which the minimum of the contact force on Σ⁺ is 0.
 
-    The unknowns are x = (phase, δ, ε); the force and its derivative vanish.
+    The unknowns are x = (phase, δ, ε). The equations are that the force and its time derivative vanish.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Answer diagrams for the impacting gear, and draw up its diagram."""
+"""The bifurcation diagram of the impacting gear."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rattle.parameters import Parameters
 
 @dataclass(frozen=True)
 class ImpactingMotions(Motions):
-    """The impacting model: see `Motions`."""
+    """The impacting model's part of a diagram: see `Motions`."""
 
     classifier = ImpactingClassifier
 
@@ -36,7 +36,7 @@ class ImpactingMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield one of each wherever they begin or end to exist."""
+        """Yield one motion of each letter wherever it begins or ceases to exist."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in runs(np.flatnonzero(exists)):
@@ -46,7 +46,7 @@ class ImpactingMotions(Motions):
                     yield found
 
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the motion near this state (`Motions.near`); None also where rounding does not let it be one."""
+        """Return the periodic motion near this state (`Motions.near`), or None."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:
@@ -76,7 +76,7 @@ class ImpactingMotions(Motions):
         return found.events
 
     def beside(self, event: Event) -> Iterator[Motion]:
-        """Yield the motion of the event and, at a graze, the one that misses the wall."""
+        """Yield the motion of the event and, at a graze, the motion that misses the wall."""
         yield event.itinerary, event.unknowns
         if event.impact is not None:
             yield event.itinerary.without(event.impact), np.delete(event.unknowns, event.impact)
@@ -100,17 +100,22 @@ def diagram(
 ) -> Diagram[Branch, Event]:
     """Return the bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
 
-    It is deterministic in all arguments.
+    The result is deterministic in all arguments.
 
     Parameters
     ----------
+    start, end : tuple[float, float]
+        Ends of the segment.
+    beta : float
+        Half-backlash.
     steps : int
         Intervals between the parameter values of the sweeps.
     count, v_max, seed
-        The sample at each of them, as in `Gear.attractors`.
+        The sample at each value, as in `Gear.attractors`.
     impacts : int
-        Branches have at most so many per period, on both walls; most: and so many branches there are at most; what is
-        beyond is named in left_out.
+        Most impacts per period, on both walls, of a branch to follow.
+    most : int
+        Most branches. Branches beyond these limits are named in `left_out`.
 
     Returns
     -------

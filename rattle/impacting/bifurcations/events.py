@@ -22,14 +22,15 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 from rattle.numerics.complex_step import Array
 
-SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there
-NEARLY = 0.5  # of its value: a parabola that comes so much nearer to 0 is looked at
-FOUND = 1e-3  # of a step: near enough to solve from
-SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solution is another one
+# largest distance, where a branch turns back, from a motion of half the period that counts as that motion
+SAME_HALVES = 0.02
+NEARLY = 0.5  # a test function whose parabola falls below this share of its value may have two zeros
+FOUND = 1e-3  # share of a step: close enough to start Newton's method
+SAME_PLACE = 0.5  # share of a step: a solution farther from its candidate belongs to another event
 
 
 class Candidate(NamedTuple):
-    """Candidate of an event on a branch: at y = (times, p), with a guess of its unknowns (n + 2,)."""
+    """A candidate of an event: its place y = (times, p) on the branch, and a guess of its unknowns (n + 2,)."""
 
     y: Array
     kind: Kind
@@ -42,9 +43,17 @@ class Candidate(NamedTuple):
 class Event:
     """A bifurcation on a branch.
 
-    kind: SN, PD or GR. unknowns (n + 2,): times, δ, ε of the motion there, of this itinerary; for GR the impact number
-    `impact` has speed 0, and one of the two motions that meet does not make it. admissible: the motion happens. after:
-    number of the branch's point before it.
+    Attributes
+    ----------
+    kind : Kind
+        SN (saddle-node), PD (flip) or GR (graze).
+    unknowns : ndarray, (n + 2,)
+        Times, δ and ε of the motion at the event. At a graze impact number `impact` has speed 0; one of the two motions
+        that meet does not make this impact.
+    admissible : bool
+        Whether the motion is admissible.
+    after : int
+        Number of the branch's point before the event.
     """
 
     kind: Kind
@@ -66,17 +75,17 @@ class Event:
 
     @property
     def parameters(self) -> Array:
-        """δ and ε (2,)."""
+        """δ and ε (2,) of the event."""
         return self.unknowns[-2:]
 
     @property
     def orbit(self) -> PeriodicOrbit:
-        """The motion of the event, which begins with an impact on Σ⁺."""
+        """Motion of the event, beginning with an impact on Σ⁺."""
         return orbit_of(self.itinerary, self.unknowns)
 
     @property
     def wall(self) -> int | None:
-        """The wall that is grazed, if one is."""
+        """Wall that is grazed, or None."""
         return None if self.impact is None else self.itinerary.walls[self.impact]
 
     @property
@@ -90,7 +99,7 @@ def find_events(
 ) -> Iterator[Event]:
     """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch, in order.
 
-    The tangents are unit vectors.
+    `tangents` are unit vectors along the branch.
 
     Yields
     ------
@@ -106,7 +115,7 @@ def find_events(
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), FOUND)
-            if y is None and kind is Kind.SADDLE_NODE:  # two branches cross: no step between them converges
+            if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step between them converges
                 y = 0.5 * (a + b)
             if y is not None:
                 found.append(Candidate(y, kind, itinerary, line.plane(y), impact))
@@ -122,15 +131,14 @@ def find_events(
 def between_twins(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Return solutions to put between points, each (after which, y, tangent).
+    """Return further solutions between points, each (number of the point before, y, tangent).
 
-    There a test function that has one sign at both its neighbours has the other, for two events are so near that one
-    step passed both.
+    At such a solution a test function changes sign twice within one step, because two events are very close.
 
     Returns
     -------
     list[tuple[int, Array, Array]]
-        By rising number of the point after which they come.
+        By rising number of the point before.
     """
     tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -152,13 +160,14 @@ def between_twins(
 
 
 def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """Return the test functions, in the order of `_tests`, at solutions."""
+    """Return the values of the test functions, in the order of `_tests`, at the solutions."""
     departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
     flips = [_flip(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
 
 
-Test = Callable[[Array, Array], float]  # of the branch's direction and a solution; it changes sign at an event
+# a function of the branch's direction and a solution, which changes sign at an event
+Test = Callable[[Array, Array], float]
 
 
 def _tests(
@@ -175,7 +184,7 @@ def _tests(
 
 
 def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
-    """Return det J(−1), rows of length 1."""
+    """Return det J(−1) with rows scaled to length 1."""
     matrix = itinerary.jacobian(line.plane(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
@@ -183,7 +192,7 @@ def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
 def _touches(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, inside: Array, outside: Array
 ) -> list[Candidate]:
-    """Return candidates where a flight first touches a wall: a graze of the itinerary with that impact more."""
+    """Return candidates where a flight first touches a wall, with the touch as one more impact of the itinerary."""
     edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))
     failure = first_failure(itinerary, line.plane(beyond))
     if failure is None or failure[1] == 0:
@@ -194,9 +203,9 @@ def _touches(
 
 
 def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
-    """Return the event near a candidate, on the line, or None where there is none.
+    """Return the event near a candidate, or None where there is none on the line.
 
-    Where a branch turns back as a motion twice over, it leaves that motion of half the period at its flip.
+    A branch that turns back as a motion of half the period leaves that motion at its flip.
 
     Returns
     -------
@@ -214,7 +223,7 @@ def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) 
 
 
 def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
-    """Return whether the times that y (≥ n,) begins with are those of one motion of half the period, twice over."""
+    """Return whether the times at the beginning of y (≥ n,) repeat those of one motion of half the period."""
     n, m = itinerary.n // 2, itinerary.m // 2
     if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
         return False
@@ -222,12 +231,12 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """Return the flip of the motion of half the period at which a branch near it, at y, begins; or None."""
+    """Return the flip of the half-period motion at which a branch begins near y, or None."""
     return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
 
 
 def _halved(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
-    """Itinerary and unknowns of half the motion, if it is nearly one motion twice over."""
+    """Return itinerary and unknowns of the half-period motion, if the motion nearly repeats one."""
     if not is_twice(itinerary, x, SAME_HALVES):
         return None
     n, m = itinerary.n // 2, itinerary.m // 2

@@ -1,7 +1,7 @@
 """The registry of the bifurcation curves of the period-one motions. To add a curve, add one `Definition` to CURVES.
 
-Each curve is a motion (which walls it meets), the condition that holds on it (`rattle.continuation.conditions`), where
-to start it, and which part of the solutions it is.
+A curve has a motion (the walls that it meets), a condition on that motion (`rattle.continuation.conditions`), starting
+points, and a rule which solutions belong to it.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,16 +17,24 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-SAME_START = 0.01  # of ε: a curve starts nearer than this to its point at the same damping
+SAME_START = 0.01  # largest relative distance in ε between a start and the curve's point at the same damping
 PAPER = "Mason and Piiroinen (2009)"
 
 
 @dataclass(frozen=True)
 class Definition:
-    """The definition of one bifurcation curve: its condition on the motion that meets `walls` in one forcing period.
+    """The definition of a bifurcation curve: its condition on the motion that meets `walls` in one forcing period.
 
-    meaning: what happens there, to which orbits. starts: guesses of the unknowns (n + 2,) at (δ, β). belongs: None for
-    a solution that is on this curve, else why it is not. impact: the one that grazes, if one does.
+    Attributes
+    ----------
+    meaning : str
+        The event, and the orbits that it changes.
+    starts : callable
+        Guesses of the unknowns (n + 2,) at (δ, β).
+    belongs : callable
+        None for a solution on this curve, else the reason why it is not.
+    impact : int or None
+        The grazing impact.
     """
 
     walls: tuple[int, ...]
@@ -38,12 +46,20 @@ class Definition:
     belongs: Callable[[Array], str | None] = lambda _: None
 
     def itinerary(self, beta: float) -> Itinerary:
-        """Return the walls at this half-backlash."""
+        """Return the walls of the motion, at this half-backlash."""
         return Itinerary(self.walls, 1, beta)
 
 
 def _of_c(x: Array) -> str | None:
-    """G1 is the graze of C, cos 2πτ > 0, and G2 that of A: one smooth curve, which SN1 touches where they part."""
+    """Return None for a graze of C (G1, cos 2πτ > 0), else that it is one of A (G2).
+
+    Both are parts of one smooth curve, which SN1 touches at the point between them.
+
+    Returns
+    -------
+    str | None
+        The reason why a solution is not on G1.
+    """
     return None if np.cos(2 * np.pi * x[0]) >= 0.0 else "the grazing motion is A from here on, on G2"
 
 
@@ -52,17 +68,17 @@ def _of_a(x: Array) -> str | None:
 
 
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flip next to SN2 on D, if D is stable before it."""
+    """Return the flip next to SN2 on D, if D is stable between SN2 and this flip."""
     found = starts.flips(delta, beta)
     return found[:1] if found and starts.loses_stability(found[0], beta) else ()
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips at which D becomes stable again, and beyond the fold where it ceases to be."""
+    """Return the flips at which D becomes stable again, and the one beyond the fold where it loses stability."""
     return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
-#: In the order of the legend: the paper's five, then those that it does not have.
+#: The curves in the order of the legend: the five of the paper, then the others.
 CURVES: dict[str, Definition] = {
     "SN1": Definition(
         (1,),
@@ -133,7 +149,7 @@ def describe(name: str) -> str:
 
 
 def name_of(event: Event) -> str | None:
-    """Return the curve of the registry that an event of a branch is on; None if it is on none of them."""
+    """Return the registered curve on which an event of a branch lies; None if on none."""
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []
     for name, curve in CURVES.items():

@@ -1,4 +1,4 @@
-"""Start curves: their solutions at one damping, from the closed forms of the period-one motions."""
+"""Starting points of curves: their solutions at one damping, from closed forms of the period-one motions."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -12,15 +12,15 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
-FINER, FINEST = 33, 12  # members between two neighbours of the family, one of which is near a zero; so often
-CLOSE = 0.02  # of ε, and in times: neighbours no farther apart are near it
+FINER, FINEST = 33, 12  # members inserted between two neighbours close to a zero, and number of repetitions
+CLOSE = 0.02  # largest difference, relative in ε and in times, of neighbours close to a zero
 
 
 class StartFamily(NamedTuple):
-    """The P(1,1,1) motions at one damping for rising times 1/2 + σ from Σ⁺ to Σ⁻, σ > 0.
+    """The P(1,1,1) motions at one damping, for rising times 1/2 + σ from Σ⁺ to Σ⁻ with σ > 0.
 
-    Unknowns (k, 4), speed at Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is
-    positive on D, the second negative where D is stable.
+    Arrays of the unknowns (k, 4), the speed at Σ⁻, det J(1) and det J(−1). The determinants vanish at a saddle-node and
+    at a flip. det J(1) is positive on D; det J(−1) is negative where D is stable.
     """
 
     sigma: Array
@@ -31,7 +31,7 @@ class StartFamily(NamedTuple):
 
 
 def members(sigma: Array, delta: float, beta: float) -> StartFamily:
-    """Return the members of the family with these rising σ."""
+    """Return the members of the family at these rising values of σ."""
     closed = np.array([closed_form.closure_residual(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
@@ -43,7 +43,7 @@ def members(sigma: Array, delta: float, beta: float) -> StartFamily:
 
 @lru_cache(maxsize=256)
 def two_impacts(delta: float, beta: float) -> StartFamily:
-    """Return the family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
+    """Return the family of B and D beyond its pole at σ = 0, at the nodes of `closed_form`."""
     sigma, epsilon = closed_form.nodes(delta, beta)
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
@@ -51,21 +51,21 @@ def two_impacts(delta: float, beta: float) -> StartFamily:
 def zeros(
     values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
 ) -> list[Array]:
-    """Find the sign changes of a function of a family, near enough to solve from.
+    """Find the zeros of a function along a family, close enough to start Newton's method.
 
     Parameters
     ----------
     values : callable
         The function, of members of the family.
     coarse : StartFamily
-        Members between which sign changes are looked for.
+        Members between which sign changes are searched.
     members_at : callable
-        From σ to the members with it.
+        Return the members at given values of σ.
 
     Returns
     -------
     list of ndarray
-        Unknowns there, in the order of σ.
+        Unknowns at the zeros, in the order of σ.
     """
     at, found = values(coarse), []
     for i in np.flatnonzero(at[:-1] * at[1:] < 0):
@@ -88,30 +88,30 @@ def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float)
 
 
 def folds(delta: float, beta: float) -> list[Array]:
-    """Saddle-nodes of B and D."""
+    """Return the saddle-nodes of B and D."""
     return _zeros_of(lambda at: at.saddle_node, delta, beta)
 
 
 @lru_cache(maxsize=256)
 def grazes(delta: float, beta: float) -> tuple[Array, ...]:
-    """Members of the family whose speed at Σ⁻ is 0."""
+    """Return the members of the family whose speed at Σ⁻ is 0."""
     return tuple(_zeros_of(lambda at: at.u, delta, beta))
 
 
 @lru_cache(maxsize=256)
 def flips(delta: float, beta: float) -> tuple[Array, ...]:
-    """Flips of B and D."""
+    """Return the flips of B and D."""
     return tuple(_zeros_of(lambda at: at.flip, delta, beta))
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether a multiplier at a flip leaves the unit circle there as σ grows (on D, as ε grows)."""
+    """Return whether a multiplier leaves the unit circle at a flip as σ grows (on D, as ε grows)."""
     at = two_impacts(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
 def one_impact(kind: Kind, delta: float) -> list[Array]:
-    """SN1 (τ = 3/4) or PDC (the flip of C)."""
+    """Return the unknowns of SN1 (τ = 3/4) or of PDC, the flip of C."""
     offset = float(sine_offset(delta))
     epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))
     if not np.isfinite(epsilon) or epsilon == 0.0:

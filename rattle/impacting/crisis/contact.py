@@ -1,7 +1,8 @@
-"""Solve for the contact of one piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
+"""Solve for the contact of a piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
 
-Let h(s, ε) be the signed distance of F^n(W(s)) from the local series of W^s(A), n its return to A: positive on the side
-of the attractor. The piece touches where the least of h along it vanishes, in a corner or in a smooth bend.
+W(s) is the point of W^u(A) at arclength s from A, F the impact map, and n the number of impacts after which the piece
+returns to A. h(s, ε) is the signed distance of F^n(W(s)) from the local series of W^s(A), positive on the side of the
+attractor. The piece touches W^s(A) where the minimum of h along it vanishes, at a corner or at a smooth bend.
 """
 
 from collections.abc import Callable
@@ -18,22 +19,32 @@ from rattle.impacting.orbits.limits import sn1_formula
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.saddles import Array, Local, eigenvectors, local_manifold
 
-GRID, ZOOMS = 41, 13  # a minimum along s: this many points, then between the neighbours of the least
-SAME = 1e-9  # of s: how close to the contact its two sides are compared
-LONG, NODES = 30, 16  # steps from the series beyond which W^u is interpolated, and from how many points
+GRID, ZOOMS = 41, 13  # points of a grid in s, and refinements of the grid around its minimum
+SAME = 1e-9  # relative distance in s, from the contact, at which its two sides are compared
+LONG, NODES = 30, 16  # steps from the series after which W^u is interpolated, and number of interpolation points
 NEWTON = 4
 MOST_ROUNDS = 40
 
 
 @dataclass(frozen=True)
 class Crisis:
-    """A boundary crisis with A at (delta, epsilon, beta), all dimensionless.
+    """A boundary crisis of the saddle A at (delta, epsilon, beta), all dimensionless.
 
-    contact: "corner" or "tangency". piece: impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the
-    contact, from the first to the last that is not 0 (at a corner on its side with more of them). parameter: s of the
-    contact on W^u(A), arclength at A, followed to the last point before the orbit meets Σ⁻ and one step back. steps:
-    the impacts on Σ⁺ from there to its return to W^s(A) near A. chaotic: whether what attracts W^u(A) just below was
-    seen to be chaotic; in a window of periodic motion it is not, and the contact ends chaotic transients alone.
+    Attributes
+    ----------
+    contact : "corner" or "tangency"
+        The shape of W^u(A) at the contact.
+    piece : tuple[int, ...]
+        Impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, from the first to the last number
+        that is not 0; at a corner, on its side with more of them.
+    parameter : float
+        Position s of the contact on W^u(A): arclength at A, followed to the last point before the orbit meets Σ⁻, and
+        one step back.
+    steps : int
+        Impacts on Σ⁺ from there to the return to W^s(A) near A.
+    chaotic : bool
+        Whether the attractor of W^u(A) just below the crisis was observed to be chaotic. In a window of periodic motion
+        it is not, and the contact ends chaotic transients only.
     """
 
     delta: float
@@ -47,12 +58,12 @@ class Crisis:
 
     @property
     def gap(self) -> float:
-        """ε above SN1."""
+        """Distance of ε above SN1."""
         return self.epsilon - float(sn1_formula(self.delta))
 
 
 class ManifoldFrame:
-    """W^u(A) and W^s(A) at one parameter point."""
+    """The manifolds W^u(A) and W^s(A) at one parameter point."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
         self.saddle = period_one_saddle("A", delta, epsilon, beta)
@@ -61,24 +72,23 @@ class ManifoldFrame:
 
     @cached_property
     def stable(self) -> Local:
-        """W^s(A) close by."""
+        """Local series of W^s(A)."""
         return local_manifold(self.saddle, stable=True)
 
     @cached_property
     def rows(self) -> Array:
-        """Rows that take (τ, v) less A to its parts along the unstable and the stable eigenvector."""
+        """Rows (2, 2) that map (τ, v) − A to its components along the unstable and the stable eigenvector."""
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
     def heights(self, states: Array) -> tuple[Array, Array]:
-        """Return the signed distance of states (2, n) from W^s(A), and the place t on W^s(A) beside them.
+        """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
-        The distance is along the unstable eigenvector; |t| is A's arclength; both are infinite where the series does
-        not reach.
+        The distance is along the unstable eigenvector; |t| is arclength at A. Both are infinite beyond the series.
 
         Returns
         -------
         tuple[Array, Array]
-            Distances and places, each (n,).
+            Distances and positions, each (n,).
         """
         along, across = self.rows[1] @ (states - self.at), self.rows[0] @ (states - self.at)
         series = (self.stable.powers - self.stable.powers[0] * (np.arange(self.stable.powers.shape[0]) == 0)[:, None]).T
@@ -91,7 +101,7 @@ class ManifoldFrame:
             return np.where(inside, across - polyval(t, unstable), np.inf), np.where(inside, t, np.inf)
 
     def points(self, s: Array) -> Array:
-        """W(s) (2, n) before W^u(A) first meets Σ⁻."""
+        """Return the points W(s) (2, n), before W^u(A) first meets Σ⁻."""
         local = self.unstable
         low, high = float(s.min()), float(s.max())
         if np.log(high / local.size) < LONG * np.log(local.multiplier) or not high > low:
@@ -101,12 +111,12 @@ class ManifoldFrame:
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
     def returns(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
-        """Heights of F^n(W(s)) (m,) and their words."""
+        """Return the distances of F^n(W(s)) (m,) from W^s(A), and their itineraries."""
         ok, states, word, _ = self.unstable.map(self.points(s), n)
         return np.where(ok, self.heights(states)[0], np.inf), word
 
     def least(self, window: tuple[float, float], n: int) -> tuple[float, float]:
-        """Return the least height of F^n(W(s)) in a window of s, and its s, by finer and finer grids."""
+        """Return the least distance of F^n(W(s)) in a window of s, and its s, by repeated grid refinement."""
         low, high = window
         for _ in range(ZOOMS):
             s = np.linspace(low, high, GRID)
@@ -116,7 +126,7 @@ class ManifoldFrame:
         return float(values[i]), float(s[i])
 
     def symbols(self, s: float, n: int) -> tuple[int, ...]:
-        """Impacts on Σ⁻ in each of the n steps from W(s), from the first to the last that is not 0."""
+        """Return the Σ⁻ impacts in each of the n steps from W(s), from the first to the last that is not 0."""
         start = self.points(np.array([s]))
         counts = np.array([int(self.unstable.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)
@@ -126,27 +136,29 @@ class ManifoldFrame:
 
 @lru_cache(maxsize=256)
 def frame(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
-    """`ManifoldFrame`, remembered."""
+    """Return the `ManifoldFrame` of a parameter point, cached."""
     return ManifoldFrame(delta, epsilon, beta)
 
 
 def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
-    """Return the contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
+    """Return the contact at delta, near epsilon = SN1 + gap, of a piece of W^u(A) that returns after n steps.
 
     Parameters
     ----------
+    window : tuple[float, float]
+        Range of s that holds the piece.
     bracket : float
-        How far off, relative to gap, it may be at first.
+        Expected error of the guess, relative to gap.
 
     Returns
     -------
     Crisis
-        With ε at which the piece touches W^s(A), and how.
+        With the ε at which the piece touches W^s(A), and the shape of the contact.
 
     Raises
     ------
     RattleError
-        If there is none.
+        If the piece has no contact there.
     """
     floor = float(sn1_formula(delta))
 
@@ -159,14 +171,14 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
 def solve_delta(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
-    """Return the contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once.
+    """Return the contact at SN1 + gap near delta. `bracket` is the expected error, `most` the longest step in δ.
 
     Other arguments are those of `solve_contact`.
 
     Returns
     -------
     Crisis
-        With δ at which the piece touches W^s(A), and how.
+        With the δ at which the piece touches W^s(A), and the shape of the contact.
     """
 
     def m(x: float) -> float:
@@ -177,7 +189,7 @@ def solve_delta(
 
 
 def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """Return a root of m near x, from an interval of this half-width that moves and grows, by `most` of x at once."""
+    """Return a root of m near x, from an interval of this half-width that moves and grows by at most `most` · x."""
     from scipy.optimize import brentq  # a quarter of a second to load
 
     low, high = x - half, x + half
@@ -208,7 +220,7 @@ def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, fl
 
 
 def reach(crisis: Crisis) -> float:
-    """Return the place of the contact on the series of W^s(A), relative to its end."""
+    """Return the position of the contact on the series of W^s(A), relative to the end of the series."""
     here = frame(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.points(np.array([crisis.parameter]))
     return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
@@ -217,8 +229,8 @@ def reach(crisis: Crisis) -> float:
 def root_slope(crisis: Crisis) -> float:
     """Return the coefficient b of h = b √x + c x + … at the corner next to this contact.
 
-    X is the distance along W^u(A) relative to s, on the side where the square root is. Positive: the corner touches;
-    negative: the bend beside it.
+    x is the distance from the corner along W^u(A), relative to s, on the side with the square root. If b is positive
+    the corner touches, if it is negative the bend beside it does.
 
     Returns
     -------

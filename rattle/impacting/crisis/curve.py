@@ -1,4 +1,7 @@
-"""The crisis followed in the (δ, ε) plane, each contact the guess of the next: in δ, and towards COD22 in ε − SN1."""
+"""Follow the crisis in the (δ, ε) plane, where each contact is the guess of the next.
+
+The curve is followed in δ, and close to COD22 in ε − SN1.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -11,23 +14,24 @@ from rattle.impacting.crisis.escape import is_chaotic_below
 from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, touched
 from rattle.orbits.saddles import Array
 
-START = 0.98  # of COD22's δ: where a curve is begun
-CLOSEST = 1e-5  # ε − SN1 to which it is followed towards COD22, relative to SN1
-RATIO = 0.75  # of successive ε − SN1 there
-WINDOW, BRACKET = 0.05, 0.01  # of s and of the unknown, about the guess
-DOMAIN = 0.3  # widest window of s, of a fundamental domain
-MARGIN, CHECKED = 1e-3, 4000  # no other piece touches so far below, relative; samples per unit of ln s
-SMALLEST = 1e-4  # step in δ, relative to COD22's, at which following is given up
-WIDEST = 0.05  # window of periodic motion that is crossed, of COD22's δ
-INSIDE = 0.6  # of the series of W^s(A): beyond, the next return is taken
+START = 0.98  # the curve begins at this multiple of the δ of COD22
+CLOSEST = 1e-5  # least ε − SN1 of the curve close to COD22, relative to SN1
+RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
+WINDOW, BRACKET = 0.05, 0.01  # half-widths around the guess: of the window in s, and of the unknown
+DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
+# relative distance below the contact at which no other piece may touch; samples per unit of ln s
+MARGIN, CHECKED = 1e-3, 4000
+SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; a shorter one ends the curve
+WIDEST = 0.05  # widest window of periodic motion to cross, relative to the δ of COD22
+INSIDE = 0.6  # share of the series of W^s(A) beyond which the next return is used
 
 
 @dataclass(frozen=True)
 class CrisisCurve:
-    """The crisis of one half-backlash, points (n) along it: from its end at small damping towards COD22.
+    """The crisis of one half-backlash: points (n) along it from small damping towards COD22.
 
-    changes: the contacts, solved for, at which the corner gives way to the bend beside it. low_end, high_end: why the
-    points end there.
+    `changes` holds the contacts at which the corner gives way to the smooth bend. `low_end` and `high_end` say why the
+    curve ends.
     """
 
     beta: float
@@ -38,17 +42,17 @@ class CrisisCurve:
 
     @property
     def delta(self) -> Array:
-        """δ (n,)."""
+        """Damping δ (n,) of the points."""
         return np.array([point.delta for point in self.points])
 
     @property
     def epsilon(self) -> Array:
-        """ε (n,)."""
+        """Eccentricity ε (n,) of the points."""
         return np.array([point.epsilon for point in self.points])
 
 
 def _guess(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
-    """Columns of y (n, k), known at x (n,), continued to `at` from the last three."""
+    """Extrapolate the columns of y (n, k), known at x (n,), to `at` from the last three points."""
     near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
     powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
     return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)
@@ -66,14 +70,14 @@ def _steps(last: Crisis) -> int:
 
 
 def in_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
+    """Return the contact at delta that continues the known ones, the last of which is nearest. Raises RattleError."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_guess(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
 
 
 def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """Return the contact at SN1 + gap that continues those known; near COD22, where δ − δ(COD22) goes with √gap."""
+    """Return the contact at SN1 + gap that continues the known ones. Near COD22 δ − δ(COD22) scales with √gap."""
     last = known[-1]
     root = np.sqrt([point.gap for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
@@ -85,8 +89,8 @@ def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
 
 
 def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
-    """Contacts from start down to δ = to, through windows of periodic motion, and why they stop."""
-    known, step, chaotic = [start], resolution, 0  # chaotic: the last that is
+    """Return contacts from `start` down to δ = to, through windows of periodic motion, and why they stop."""
+    known, step, chaotic = [start], resolution, 0  # chaotic: number of the last contact with a chaotic attractor
     while known[-1].delta > to:
         step = min(step, resolution)
         delta = max(to, known[-1].delta - step)
@@ -112,7 +116,7 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
 
 
 def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
-    """Contacts from start towards COD22, to the first beyond δ = top, and why they stop."""
+    """Return contacts from `start` towards COD22, to the first beyond δ = top, and why they stop."""
     known, last = [start], CLOSEST * start.epsilon
     while known[-1].gap > last and known[-1].delta <= top:
         gap = max(known[-1].gap * RATIO, 0.999 * last)
@@ -124,7 +128,7 @@ def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
 
 
 def _changes(points: list[Crisis]) -> list[Crisis]:
-    """Return the points between different contacts at which the coefficient of the square root vanishes."""
+    """Return the points between a corner and a tangency, where the coefficient of the square root vanishes."""
     from scipy.optimize import brentq
 
     found = []
@@ -145,22 +149,22 @@ def _changes(points: list[Crisis]) -> list[Crisis]:
 def crisis_curve(
     low: float | None = None, high: float | None = None, beta: float = 0.6, resolution: float = 0.01
 ) -> CrisisCurve:
-    """Return the boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
+    """Return the curve of boundary crises from δ = low (default: as far as it exists) to δ = high (default: COD22).
 
-    Points are at most `resolution` apart in δ; towards COD22 they go by steps of ε − SN1, to 1e-5 of SN1. ε is as
-    accurate as that of `boundary_crisis`, which begins the curve.
+    Points are at most `resolution` apart in δ. Near COD22 they proceed by steps of ε − SN1, to 1e-5 of SN1. ε is as
+    accurate as that of `boundary_crisis`, which gives the first point.
 
     Returns
     -------
     CrisisCurve
-        Contacts by rising δ, and why they end at both sides.
+        Contacts by rising δ, and why the curve ends on both sides.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no crisis where it begins.
+        If there is no crisis where the curve should begin.
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)

@@ -1,9 +1,9 @@
-"""Find the part of W^u(A) that goes to rest, and whether chaos ends where W^u(A) touches W^s(A).
+"""Find the part of W^u(A) that becomes quiet, and decide whether chaos ends where W^u(A) touches W^s(A).
 
 W^s(A) bounds the basin of quiet motion. Before the crisis all of W^u(A) on the side of rising v stays with the
-attractor there; past it some of it lies beyond W^s(A), and goes to rest. Samples of one fundamental domain tell, from
-so near to A that its unstable eigenvector is the manifold; all else of W^u(A) is images of these. Whether chaos ends is
-seen by long simulation on both sides of the contact.
+attractor. Beyond it a part of W^u(A) lies beyond W^s(A) and becomes quiet. Samples of one fundamental domain reveal
+this, because all the rest of W^u(A) consists of their images. The domain is so close to A that the unstable eigenvector
+replaces the manifold. Long simulations on both sides of the contact show whether chaos ends.
 """
 
 from typing import NamedTuple
@@ -27,20 +27,22 @@ from rattle.orbits.saddles import Array
 from rattle.parameters import Parameters
 
 Flags = NDArray[np.bool_]
-NEAREST = 1e-7  # distance from A in (τ, v) at which the samples begin
+NEAREST = 1e-7  # distance of the first samples from A in (τ, v)
 SAMPLES = 512
-FIRST_RETURNS, RETURNS = 64, 256  # impacts on Σ⁺ between leaving A and coming to rest, where damping is strong, and
-MOST_IMPACTS = 8192  # in all at most; elsewhere as many more as `longest_rest` is longer
-SETTLE, WATCH = 20_000, 4_000  # impacts
-WATCHED = 32  # samples that are
-BELOW = (1e-4, 1e-3, 1e-5)  # of ε − SN1: not all of them in narrow windows of periodic motion
-ABOVE = 0.01  # where no more than a few transients last
-CHAOTIC = 0.02  # first Lyapunov exponent
-SHARE, FEW = 0.2, 0.05  # of the samples: that must be chaotic below, and that may be above
+# impacts on Σ⁺ between leaving A and becoming quiet, after one return and after many, at strong damping
+FIRST_RETURNS, RETURNS = 64, 256
+MOST_IMPACTS = 8192  # most impacts at strong damping; at weak damping more, in proportion to `longest_rest`
+SETTLE, WATCH = 20_000, 4_000  # impacts of the transient, and impacts over which the exponent is measured
+WATCHED = 32  # samples whose exponents are measured
+# relative distances below the crisis; narrow windows of periodic motion do not hold all of them
+BELOW = (1e-4, 1e-3, 1e-5)
+ABOVE = 0.01  # relative distance above the crisis, where few transients last
+CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
+SHARE, FEW = 0.2, 0.05  # least share of chaotic samples below the crisis, and largest share above it
 
 
 class Saddles(NamedTuple):
-    """A at parameter points (n,): its phase, speed and unstable multiplier, NaN where it does not exist."""
+    """The saddle A at parameter points (n,): its phase, speed and unstable multiplier; NaN where it does not exist."""
 
     delta: Array
     epsilon: Array
@@ -50,7 +52,7 @@ class Saddles(NamedTuple):
     multiplier: Array
 
     def at(self, chosen: Flags) -> "Saddles":
-        """Return at these of the points."""
+        """Return the saddles at the chosen points."""
         return Saddles(*(x[chosen] for x in self))
 
     @property
@@ -60,20 +62,17 @@ class Saddles(NamedTuple):
 
     @property
     def first_excursion(self) -> Array:
-        """Impacts (n,) in which what passes W^s(A) at its first return has left A twice and is at rest."""
+        """Impacts (n,) after which a sample that passes W^s(A) at its first return is quiet."""
         return self._climb + self._impacts(FIRST_RETURNS)
 
     @property
     def excursions(self) -> Array:
-        """Impacts (n,) in which W^u(A) has left A, returned many times, and is at rest if it goes there."""
+        """Impacts (n,) after which a sample that passes W^s(A) after many returns is quiet."""
         return self._impacts(RETURNS)
 
     @property
     def decidable(self) -> Flags:
-        """Flags of the points at which W^u(A) can be followed until its fate is known.
-
-        There is rest to go to, in a bearable number of impacts.
-        """
+        """Flags of points where quiet motion exists and is reached within a feasible number of impacts."""
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _longer(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.excursions < most)
 
@@ -88,12 +87,12 @@ class Saddles(NamedTuple):
 
 
 def _longer(delta: Array) -> Array:
-    """Return by which factor a relaxation takes longer than where damping is strong."""
+    """Return the factor by which relaxation takes longer than at strong damping."""
     return longest_rest(delta) / LONGEST_REST
 
 
 def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
-    """Return a at flat arrays of parameters."""
+    """Return the saddle A at flat arrays of parameters."""
     orbits = period_one(delta, epsilon, beta)
     multiplier = np.real(orbits.multipliers[0, 0])
     return Saddles(delta, epsilon, beta, orbits.tau[0], orbits.v[0], multiplier)
@@ -111,10 +110,9 @@ def _direction(
 
 
 class FollowedManifold:
-    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points.
+    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points, followed for `impacts` (n,).
 
-    They are followed for at most `impacts` (n,). s (n, count): their distance from A at the start, which is their place
-    on W^u(A).
+    s (n, count) holds their initial distances from A, which are their positions on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
@@ -129,12 +127,12 @@ class FollowedManifold:
 
     @property
     def at_rest(self) -> Flags:
-        """Flags (n, count) of the samples that are certain to come to rest."""
+        """Flags (n, count) of the samples that are certain to become quiet."""
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return at which epsilon (n,) a part of W^u(A) goes to rest; False where that is not decidable."""
+    """Return flags (n,) of parameter points where a part of W^u(A) becomes quiet; False where that is undecidable."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.decidable
     if found.any():
@@ -144,17 +142,17 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return a at one parameter point. Raises RattleError if it is absent, or nothing is decidable there."""
+    """Return A at one parameter point. Raises RattleError if A does not exist or its fate is undecidable there."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(
-            f"there is no A of which W^u can go to rest at delta = {delta}, epsilon = {epsilon}, beta = {beta}"
+            f"no saddle A with a decidable fate of W^u(A) exists at delta = {delta}, epsilon = {epsilon}, beta = {beta}"
         )
     return a
 
 
 def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
-    """Share of the orbits of W^u(A) that are chaotic after so many impacts."""
+    """Return the share of orbits of W^u(A) that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, WATCHED, a.first_excursion + settle)
     left = found.samples.status == Outcome.UNRESOLVED
@@ -167,12 +165,12 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
 
 
 def is_chaotic_below(contact: Crisis) -> bool:
-    """Return whether what attracts W^u(A) just below the contact is chaotic."""
+    """Return whether the attractor of W^u(A) just below the contact is chaotic."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
     return any(chaotic_part(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
 
 
 def outlived(contact: Crisis) -> bool:
-    """Return whether chaos outlives the contact."""
+    """Return whether chaos continues beyond the contact."""
     epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
     return chaotic_part(contact.delta, epsilon, contact.beta) > FEW

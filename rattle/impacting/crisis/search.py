@@ -1,4 +1,7 @@
-"""The boundary crisis at one damping: where in ε W^u(A) escapes, the contacts there, and whether chaos ends."""
+"""Find the boundary crisis at one damping: the ε where W^u(A) escapes, its contacts there, and whether chaos ends.
+
+W^u(A) escapes if a part of it becomes quiet.
+"""
 
 from contextlib import suppress
 
@@ -12,30 +15,32 @@ from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
-STEP = 0.04  # of ε − SN1, between two that are tried
-LOWEST, SMALLEST = 0.5, 2e-5  # where they begin, relative to the square of the distance from COD22, and to SN1
-HIGHEST = 2.0  # where they end, relative to SN1; at weaker damping, where SN1 is far below, at the quiet limit
-WEAK, WEAKEST = 0.3, 0.1  # damping below which that is so, and below which nothing is waited for to come to rest
+STEP = 0.04  # relative step in ε − SN1
+# first ε − SN1, relative to the squared distance from COD22, and least one relative to SN1
+LOWEST, SMALLEST = 0.5, 2e-5
+HIGHEST = 2.0  # last ε − SN1, relative to SN1; at weak damping the search ends at the quiet limit, far above SN1
+WEAK, WEAKEST = 0.3, 0.1  # damping below which the search ends at the quiet limit, and below which it is refused
 HALVINGS = 6
-DENSE, CHECKED = 2000, 40000  # samples per unit of ln s on W^u(A), for the bracket, and once more below the crisis
-MARGIN = 1e-4  # how far below the crisis, relative to ε − SN1, no other piece may touch
+# samples per unit of ln s on W^u(A), for the bracket and for the final check below the crisis
+DENSE, CHECKED = 2000, 40000
+MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece may touch
 MOST_PIECES = 6
-MOST_RUNS = 4  # of samples that escape, of which the contact is looked for in turn
-MOST_STEPS = 400  # of an orbit that escapes
-NEAR, GONE = 0.3, 0.5  # a return, relative to the farthest; a speed below which an orbit is on its way to rest
+MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
+MOST_STEPS = 400  # most impacts of an escaping orbit
+NEAR, GONE = 0.3, 0.5  # distance of a return, relative to the farthest; speed below which an orbit is becoming quiet
 WIDER = 12
 
 
 def end_of_curve(beta: float) -> float:
-    """Return δ of COD22, in which the crisis begins."""
+    """Return δ of COD22, where the crisis curve ends."""
     for point in codimension_two(beta):
         if point.name == "COD22":
             return point.delta
-    raise RattleError(f"there is no COD22 at beta = {beta}")
+    raise RattleError(f"the point COD22, where the curve of crises ends, does not exist at beta = {beta}")
 
 
 def _gaps(delta: float, beta: float) -> Array:
-    """ε − SN1 that are tried: those at which A exists, up to the quiet limit."""
+    """Return the ε − SN1 to try: those where A exists, up to the quiet limit."""
     floor, top = float(sn1_formula(delta)), float(quiet_limit(delta))
     first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
     last = top * (1.0 - 1e-9) - floor
@@ -43,14 +48,14 @@ def _gaps(delta: float, beta: float) -> Array:
         last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
-            f"at delta = {delta} there is no rest to escape to where A is born: SN1 is at the quiet limit"
+            f"at delta = {delta} the saddle A is born at the quiet limit, so no quiet motion exists to escape to"
         )
     gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
 
 
 def _followed(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
-    """W^u(A) at SN1 + gap, by so many samples per unit of ln s. Raises RattleError where nothing is decidable."""
+    """Return W^u(A) at SN1 + gap, by this many samples per unit of ln s. Raises RattleError if undecidable."""
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
 
@@ -68,14 +73,14 @@ def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float
 
 
 def _runs(delta: float, beta: float, gap: float) -> list[Array]:
-    """Return runs of places s in a fundamental domain of W^u(A) that escape, longest first.
+    """Return runs of positions s in a fundamental domain of W^u(A) that escape, the longest first.
 
-    Each run has one more place on both sides.
+    Each run includes one more position on both sides.
 
     Returns
     -------
     list[Array]
-        Rising places s of each run.
+        Rising positions s of each run.
 
     Raises
     ------
@@ -86,13 +91,15 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
     s, gone = found.s[0], found.at_rest[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
-        raise RattleError(f"W^u(A) does not escape at epsilon = {sn1_formula(delta) + gap}")
+        raise RattleError(
+            f"no piece of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}, so no crisis has happened there"
+        )
     runs = sorted(edges, key=lambda ends: ends[0] - ends[1])
     return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
-    """Return the steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
+    """Return the steps until W(s) first meets Σ⁻, and from there until it enters the series of W^s(A)."""
     here = frame(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
@@ -100,7 +107,7 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            met = max(j - 1, 0)  # a corner's other side meets it one step earlier
+            met = max(j - 1, 0)  # the other side of a corner meets Σ⁻ one step earlier
         height = float(here.heights(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
         before, inside = inside, abs(height) < NEAR * farthest
@@ -112,9 +119,9 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 
 
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Return the contact of a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low.
+    """Return the contact of a piece of W^u(A) that escapes at SN1 + high but not at SN1 + low.
 
-    It is that of the longest such piece of which the contact is found.
+    The contact is that of the longest such piece for which one is found.
 
     Returns
     -------
@@ -129,16 +136,18 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
-    """Return the contact at the least ε among the returns to A that the orbit in the middle of a run makes."""
+    """Return the contact with the least ε, among the returns to A of the orbit in the middle of a run."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
-        raise RattleError(f"the orbit that escapes at epsilon = {sn1_formula(delta) + high} does not return to A")
+        raise RattleError(
+            f"the escaping orbit at epsilon = {sn1_formula(delta) + high} does not return to A: no contact"
+        )
     here = frame(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable.multiplier**met
     found, last = [], RattleError("")
     for n in entries:
         width = float(run[-1] - run[0])
-        for _ in range(WIDER):  # until a minimum lies inside
+        for _ in range(WIDER):  # widen the window until it holds a minimum
             window = (max(run[0] - width, 0.5 * run[0]), run[-1] + width)
             s = here.least(window, n)[1]
             if min(s - window[0], window[1] - s) > 0.1 * (window[1] - window[0]):
@@ -154,23 +163,22 @@ def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> 
 
 
 def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Return the least ε between SN1 + low and SN1 + high at which W^u(A) touches W^s(A)."""
+    """Return the contact with the least ε between SN1 + low and SN1 + high."""
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)
         if not touched(delta, beta, below, CHECKED):
             return found
         low, high = found.gap * (1.0 - 10.0 * MARGIN), below
-    raise RattleError(f"at delta = {delta} ever earlier pieces of W^u(A) touch W^s(A)")
+    raise RattleError(f"no first contact at delta = {delta}: each refinement shows an earlier piece of W^u(A)")
 
 
 def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
-    """Return the last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
+    """Return the boundary crisis at a damping: the last contact, by rising ε, in which a chaotic attractor ends.
 
-    W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet limit, beyond which
-    nothing rests; the piece is the first among those that 40000 points per unit of its ln s show. Raises
-    ParameterError, and RattleError where no chaotic attractor is seen to end in a contact with A, saying why, and below
-    δ = 0.1. Source: docs/crisis.md; the paper leaves it open.
+    ε is accurate to 1e-10. W^u(A) is followed at steps of 4 % in ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet
+    limit, beyond which nothing becomes quiet. The piece that touches is the first among those that 40000 samples per
+    unit of ln s resolve. The paper leaves the crisis open. Source: docs/crisis.md.
 
     Returns
     -------
@@ -179,8 +187,10 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
 
     Raises
     ------
+    ParameterError
+        If a parameter is outside its domain.
     RattleError
-        If no chaotic attractor is seen to end in a contact with A.
+        If no chaotic attractor is observed to end in a contact with A, with the reasons; always below δ = 0.1.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)
@@ -192,7 +202,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         )
     gaps = _gaps(delta, beta)
     if gaps.size < 2:
-        raise RattleError(f"there is no A below the quiet limit at delta = {delta}, beta = {beta}")
+        raise RattleError(f"the saddle A does not exist below the quiet limit at delta = {delta}, beta = {beta}")
     gone = np.asarray(escapes(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:

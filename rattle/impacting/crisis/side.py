@@ -1,4 +1,4 @@
-"""On which side of its boundary crisis a parameter point is: whether a part of W^u(A) goes to rest."""
+"""Decide on which side of its boundary crisis a parameter point lies: whether a part of W^u(A) becomes quiet."""
 
 from __future__ import annotations
 
@@ -13,18 +13,28 @@ NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)
 
 
 def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
-    """Return indices of CRISIS_SIDES, of the broadcast shape of delta, epsilon and beta (dimensionless).
+    """Return the side of the boundary crisis as an index of CRISIS_SIDES, of the broadcast shape of the parameters.
 
-    no_saddle: A does not exist. inside: no sample of W^u(A), on the side of rising v, goes to rest. escapes: some do.
-    undecided: there is no rest to go to, from the quiet limit on, or telling takes more than 8192 impacts, below δ =
-    0.3 in proportion more: just below that and where A is born. A part of W^u(A) shorter than 1/512 of a fundamental
-    domain that escapes is not seen: at δ from 0.6 to 0.768 and β = 0.6 the side is right from 1e-5 of the crisis on. A
-    cell's side does not depend on the other cells. Raises ParameterError. Source: docs/crisis.md.
+    - no_saddle: A does not exist.
+    - inside: no sample of W^u(A), on the side of rising v, becomes quiet.
+    - escapes: some samples become quiet.
+    - undecided: no quiet motion exists (from the quiet limit on), or deciding takes more than 8192 impacts (in
+    proportion
+      more below δ = 0.3). This happens just below the quiet limit and where A is born.
+
+    An escaping part of W^u(A) shorter than 1/512 of a fundamental domain is missed. At β = 0.6 and δ from 0.6 to 0.768
+    the side is right from 1e-5 of the crisis on. The side of a cell does not depend on other cells. Source:
+    docs/crisis.md.
 
     Returns
     -------
     NDArray[np.int8]
         Index of each point.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is outside its domain.
     """
     broadcast = parameters(delta, epsilon, beta)
     a = saddles(*(np.array(x, order="C").ravel() for x in broadcast))

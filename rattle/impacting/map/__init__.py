@@ -1,1 +1,1 @@
-"""The impact map Π, its capture by quiet motion, trajectories, and Γ."""
+"""The impact map Π, capture by quiet motion, trajectories, and the grazing curve Γ."""

@@ -10,10 +10,10 @@ from rattle.flight.law import evaluate, folded, leaving
 def departure(
     delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
-    """Return the departure of `rattle.Gear.departure`; tau ∈ [0, 1)."""
+    """Return the result of `rattle.Gear.departure` for tau ∈ [0, 1)."""
     require(abs(position) <= beta, f"position must be from {-beta} to {beta}, the walls, got {position}")
     wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
-    w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall: before it is reflected
+    w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact
     if abs(position) < beta:
         flight = leaving(tau, velocity, delta, epsilon, DRIFT)
         status, target, time = searched_crossing(tau, flight, -beta - position, beta - position)

@@ -1,7 +1,7 @@
-"""The grazing curve Γ in the (τ, v) plane: states whose flight just touches Σ⁻ (paper, section 3).
+"""The grazing curve Γ in the (τ, v) plane: states whose flight just touches Σ⁻ (paper, section 3; compiled).
 
-A touch is fixed by its time alone: there Φ = −β and Φ' = 0. So Γ has the time of touch as its parameter, and each point
-is one flight backwards (compiled). It breaks where that flight itself grazes a wall.
+The time of the touch determines its state, because there Φ = −β and Φ' = 0. So Γ is parametrised by the time of touch,
+and each point is one flight backwards in time. Γ breaks where that flight itself grazes a wall.
 """
 
 from typing import NamedTuple
@@ -16,15 +16,15 @@ from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
-CLOSEST = 1e-13  # times of touch that cannot be told apart any more: between them Γ is broken
+CLOSEST = 1e-13  # smallest difference of times of touch; Γ is broken between two such times whose states are far apart
 FINEST = 1e-4
 
 
 class GammaPiece(NamedTuple):
-    """One piece of Γ, points (n,) in order of the time of touch: (τ, v) on Σ⁺, and that time, in forcing periods.
+    """One piece of Γ: points (n,) (τ, v) on Σ⁺ in order of the time of touch, and that time in forcing periods.
 
-    τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. closed: the last point is the first one, a
-    period later.
+    τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. `closed` is True if the last point is the
+    first one, a period later.
     """
 
     tau: NDArray[np.float64]
@@ -34,7 +34,7 @@ class GammaPiece(NamedTuple):
 
 
 def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
-    """Return the pieces of `rattle.Gear.gamma`; unit is the speed that counts as much as a forcing period."""
+    """Return the pieces of `rattle.Gear.gamma`; `unit` is the speed difference that equals one forcing period."""
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 
@@ -45,7 +45,7 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
 
     points = traced(np.arange(FIRST_POINTS) / FIRST_POINTS)
     while True:
-        last = points[:, :1] + np.array([[1.0], [1.0], [0.0]])  # the period closes
+        last = points[:, :1] + np.array([[1.0], [1.0], [0.0]])  # repeat the first point one period later
         touch, tau, v = np.concatenate([points, last], axis=1)
         exists = v >= 0
         near = np.hypot(np.diff(tau), np.diff(v) / unit) <= spacing
@@ -58,7 +58,7 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
         points = points[:, np.argsort(points[0])]
     if joined.all():
         return (GammaPiece(tau, v, touch, True),)
-    # begin behind a break, so that no piece lies across the end of the period
+    # begin after a break, so that no piece crosses the end of the period
     start = int(np.flatnonzero(~joined)[0]) + 1
     shift = np.array([[1.0], [1.0], [0.0]])
     points = np.concatenate([points[:, start:], points[:, :start] + shift], axis=1)
@@ -71,8 +71,9 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
 def before_touch(touch, delta, epsilon, beta, tau, v):
     """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 where there is none.
 
-    A touch from inside the gap needs a contact force that points into it. Backwards in time the motion leaves Σ⁻ like
-    any other, and what it meets first is where it came from. τ is not folded: it changes steadily with touch.
+    A touch from inside the gap needs a contact force that points into the gap. Backwards in time the motion leaves Σ⁻
+    like any other, and its first impact is its origin. τ is not folded, so that it changes continuously with the time
+    of touch.
     """
     for i in range(touch.size):
         v[i], tau[i] = -1.0, touch[i]

@@ -1,7 +1,7 @@
 """The impact map Π on Σ⁺ (paper 3.16), its inverse and its tangent map (compiled).
 
-State (τ, v): leave Φ = β at phase τ with velocity −v, v > 0. Π flies, bounces off Σ⁻ as often as the motion does, and
-arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse map.
+A state (τ, v) leaves Φ = β at phase τ with velocity −v, v > 0. Π follows the flights and impacts on Σ⁻ until the next
+impact on Σ⁺. With (−δ, −q, −τ) the same kernel is the inverse map.
 """
 
 import math
@@ -20,7 +20,7 @@ from rattle.orbits.return_map import inverse_step, step, step_tangent
 
 @kernel
 def impact(tau, v, delta, epsilon, beta, drift):
-    """Π: (status, τ', v', elapsed time, Σ⁻ impacts on the way)."""
+    """Return Π(τ, v): (status, τ', v', elapsed time, Σ⁻ impacts before Σ⁺)."""
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     while True:
         if stays_in_contact(wall, w, tau, delta, epsilon, drift):
@@ -40,13 +40,13 @@ def impact(tau, v, delta, epsilon, beta, drift):
 
 @kernel
 def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
-    """Return Π with its 2×2 tangent matrix.
+    """Return Π(τ, v) with its 2×2 tangent matrix.
 
-    Coordinates (τ, v), or (τ, v²/2) if energy; in the latter each flight has determinant e^(−δs).
+    The coordinates are (τ, v), or (τ, v²/2) with `energy`; in the latter each flight has determinant e^(−δs).
 
     Returns
     -------
-    result
+    tuple
         (status, τ', v', elapsed, Σ⁻ impacts, j00, j01, j10, j11, ln det).
     """
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
@@ -60,7 +60,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
             return status, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         k00, k01, k10, k11 = flight_tangent(w1, lost, s1, c1, flight)
         w = reflected(w1)
-        if energy:  # e = w²/2: de = w dw
+        if energy:  # the energy e = w²/2 changes by de = w dw
             k01, k10, k11 = k01 / w0, k10 * w, k11 * w / w0
         log_det += math.log(abs(k00 * k11 - k01 * k10))
         j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
@@ -72,14 +72,14 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         n_minus += 1
         if n_minus > MOST_BOUNCES:
             return ENDLESS, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
-    if not energy:  # dv = −dw at both ends
+    if not energy:  # v = −w at both ends, so dv = −dw
         j01, j10 = -j01, -j10
     return OK, tau, w1, elapsed, n_minus, j00, j01, j10, j11, log_det
 
 
 @kernel
 def inverse_impact(tau, v, delta, epsilon, beta):
-    """Π⁻¹ by running time backwards: (status, τ, v, elapsed time, Σ⁻ impacts on the way)."""
+    """Return Π⁻¹(τ, v) by reversed time: (status, τ, v, elapsed time, Σ⁻ impacts between)."""
     status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
     return status, folded(-t), speed, elapsed, n_minus
 

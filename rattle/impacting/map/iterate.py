@@ -1,4 +1,4 @@
-"""The impact map on whole arrays: every element its own trajectory and its own parameters, all flown in lanes."""
+"""The impact map on whole arrays: each element has its own trajectory and parameters, and all are computed in lanes."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ from rattle.flight.lanes.stages import advance
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, checked
 
-FLIGHTS = np.int64(20)  # between two looks at the lanes; divides the round numbers that people ask for
+# flights between two checks of the lanes; divides the round numbers of impacts that users choose
+FLIGHTS = np.int64(20)
 
 
 class _Memory(threading.local):
-    """The blocks to work in, one for every thread."""
+    """The scratch blocks, one for each thread."""
 
     def __init__(self) -> None:
         self.block = block()
@@ -40,14 +41,14 @@ _memory = _Memory()
 
 
 def working_block() -> Any:
-    """Return the block of lanes of this thread (1,), as kernels take it."""
+    """Return this thread's block of lanes (1,) for kernels."""
     return _memory.block
 
 
 def _driver(tangent: bool) -> Any:
     @kernel
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
-        """Return Π^n of each element of flat arrays, lanes refilled as they finish.
+        """Return Π^n of each element of flat arrays. Lanes are refilled as they finish.
 
         Returns
         -------
@@ -83,7 +84,8 @@ def _driver(tangent: bool) -> Any:
             advance(memory, groups, FLIGHTS, roughest(b, groups), tangent, paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
-    drive.name = "_drive_tangent" if tangent else "_drive_plain"  # under which a process that compiles finds it
+    # the name by which a compiling process finds the kernel
+    drive.name = "_drive_tangent" if tangent else "_drive_plain"
     return drive
 
 
@@ -95,8 +97,8 @@ def iterate(
 ) -> Iterates:
     """Return Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast.
 
-    Dimensionless. A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not
-    depend on the others.
+    All values are dimensionless. A trajectory that comes to rest keeps its last state and has n_plus < n. The result of
+    an element does not depend on the others.
 
     Returns
     -------
@@ -113,10 +115,8 @@ def iterate_tangent(
 ) -> Stretched:
     """Return `iterate` with both Lyapunov exponents over the n impacts.
 
-    A tangent vector is re-normalised on the way.
-
-    The vector starts along phase, in (t, v²/2), where a flight's determinant is e^(−δs); the second exponent is the
-    mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0.
+    A tangent vector, first along the phase, is re-normalised repeatedly in (t, v²/2), where a flight has determinant
+    e^(−δs). The second exponent is the mean ln|det| of the tangent matrices minus the first. Both are NaN where n is 0.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def iterate_tangent(
 def paths(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
-    """Return how many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
+    """Return the number of flights of `iterate`, of those located by the scan, and of those located by the search."""
     flat, _shape = checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)

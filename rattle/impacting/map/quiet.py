@@ -1,14 +1,15 @@
-"""When is a bouncing motion certain to become quiet? An adiabatic criterion.
+"""An adiabatic criterion for a bouncing motion that is certain to become quiet.
 
 The contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt is positive for all t below the quiet limit. A bounce of
 speed v lasts 2v/g. While that is short, I = v³/g(t) at the impacts is an adiabatic invariant, damped by e^(−δ) per
-period (so v by e^(−δ/3)): impacts are points of time-reversal symmetry, so the error of I is of second order in
+period (so v by e^(−δ/3)). Impacts are points of time-reversal symmetry, so the error of I is of second order in
 
     η = max over t of (v/g) · max(|g'|/g, π, δ)    with v = (I g)^(1/3).
 
-The net change of ln I per period beyond −δ is exponentially small: measured, at most about 10 e^(−1.9/η) for any δ
-and ε. Quiet is certain once η is so small that this is below δ/2, and the bounces are lower than half the gap. I then
-falls in every period, η with it. docs/decisions/0003-quiet-capture.md has the measurement; a test repeats it.
+The net change of ln I per period beyond −δ is exponentially small: it was measured to be at most about 10 e^(−1.9/η)
+for any δ and ε. A motion is certain to become quiet once η is so small that this change is below δ/2, and its bounces
+are lower than half the gap: I then falls in every period, and η with it. docs/decisions/0003-quiet-capture.md has the
+measurement, and a test repeats it.
 """
 
 import math
@@ -21,16 +22,17 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
-PHASES, ABREAST = 2048, 16  # phases; so many have a maximum of their own, as vector instructions want it
+PHASES, ABREAST = 2048, 16  # sampled phases; number of independent maxima, which lets the loop use vector instructions
 SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
-LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18  # impacts; more below this damping, but no more than that
+# limit of impacts; damping below which the limit grows; largest limit
+LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
 @kernel
 def largest_eta(delta):
-    """Return η below which the kick per period is under δ/2."""
+    """Return the η below which the change of ln I per period is under δ/2."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
@@ -38,13 +40,13 @@ def largest_eta(delta):
 
 @kernel
 def invariant_of(delta, epsilon, beta, largest):
-    """Return `capture_invariant`; largest (ABREAST,) is worked in."""
+    """Return `capture_invariant`; `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
     rate = max(math.pi, delta)
     for j in range(ABREAST):
-        largest[j] = 0.0  # (η/I^(1/3))³, of every so many phases
+        largest[j] = 0.0  # maxima of (η/I^(1/3))³, each over every ABREAST-th phase
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]
@@ -54,14 +56,14 @@ def invariant_of(delta, epsilon, beta, largest):
     fastest = 0.0
     for j in range(ABREAST):
         fastest = max(fastest, largest[j])
-    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounce height v²/2g ≤ β
+    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounces are lower than half the gap where v²/2g ≤ β
     eta = largest_eta(delta)
     return min(eta * eta * eta / fastest, low)
 
 
 @kernel
 def fill_invariants(delta, epsilon, beta, largest, found):
-    """Write to found what `capture_invariants` returns; largest (ABREAST,) is worked in."""
+    """Write the results of `capture_invariants` to `found`; `largest` (ABREAST,) is scratch memory."""
     for i in range(delta.size):
         found[i] = invariant_of(delta[i], epsilon[i], beta[i], largest)
 
@@ -74,26 +76,26 @@ def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def capture_invariant(delta: float, epsilon: float, beta: float) -> float:
-    """Largest I = v³/g(τ) that is certain to become quiet; 0 where no quiet motion exists."""
+    """Return the largest I = v³/g(τ) that is certain to become quiet; 0 where no quiet motion exists."""
     return float(capture_invariants(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
 def capture_speed(delta: float, epsilon: float, beta: float) -> float:
-    """Impact speed below which quiet is certain at every phase: (I g_min)^(1/3), 0 at and above the quiet limit."""
+    """Return the impact speed (I min g)^(1/3), below which every motion becomes quiet; 0 from the quiet limit on."""
     return float(capture_speeds(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return the same for flat arrays."""
+    """Return `capture_speed` for flat arrays."""
     smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
 
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Estimate the impacts of quiet motion until it is certain, for flat arrays; inf from the quiet limit on.
+    """Estimate the impacts until quiet motion is certain, for flat arrays; inf from the quiet limit on.
 
-    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, more where v³/g is the smaller
-    invariant.
+    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts for a capture
+    speed v_c, and more where the limit on v³/g is smaller.
 
     Returns
     -------
@@ -105,9 +107,9 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def longest_rest(delta: Array) -> Array:
-    """Return the impacts for which a motion is followed until it becomes quiet, for flat arrays.
+    """Return the limit of impacts within which a motion should become quiet, for flat arrays.
 
-    It takes relaxation times 1/δ, more where damping is weak, within what a few milliseconds allow.
+    The limit grows with the relaxation time 1/δ at weak damping, up to a few milliseconds of computing time.
 
     Returns
     -------
@@ -118,6 +120,6 @@ def longest_rest(delta: Array) -> Array:
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return where quiet motion takes more than `longest_rest` impacts, so that no sample tells it from chaos."""
+    """Return flags where becoming quiet takes more than `longest_rest` impacts, which a sample may take for chaos."""
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > longest_rest(delta))

@@ -1,4 +1,4 @@
-"""The motion Φ(t) between its impacts: sampled in closed form (paper 3.1, 3.2) on the way from impact to impact."""
+"""The motion Φ(t), sampled in closed form on each flight from impact to impact (paper 3.1, 3.2)."""
 
 import math
 
@@ -10,18 +10,18 @@ from rattle.flight.law import evaluate, folded
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-AT_REST = 1e-4  # speed below which a bounce of a motion that is certain to become quiet is not followed any more
+AT_REST = 1e-4  # speed below which the bounces of a motion that is certain to become quiet are not followed
 
 
 @kernel
 def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_time, impact_wall, impact_speed):
-    """Write Φ and Φ' at rising times, and the impacts until the last of them.
+    """Write Φ and Φ' at rising times, and the impacts until the last of these times.
 
-    Impacts beyond the room for them are counted, not written.
+    Impacts beyond the length of the arrays are counted but not written.
 
     Returns
     -------
-    result
+    tuple
         (status, number of impacts, rest).
     """
     wall, w, now, phase = SIGMA_PLUS, -v, 0.0, tau
@@ -51,5 +51,5 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
 def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
-    """Return the motion of `rattle.Gear.trajectory`; slowest is the speed of what is certain to become quiet."""
+    """Return the result of `rattle.Gear.trajectory`; `slowest` is the speed below which quiet is certain."""
     return sampled_motion(sampled, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)

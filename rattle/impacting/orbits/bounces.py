@@ -1,8 +1,8 @@
-"""The stable P(1, n, 0) with n ≥ 2, which bounce on Σ⁺ alone (compiled).
+"""The stable orbits P(1, n, 0) with n ≥ 2, which bounce on Σ⁺ only (compiled).
 
-For each n there are a node and a saddle from their saddle-node ε_SN(n) on; the node is stable up to its flip ε_PD(n).
-In units of the quiet limit both grow with n, to 1, so at a given ε the n that have a stable orbit follow each other:
-below them nodes are unstable, above there are none (docs/decisions/0023-period-one.md).
+For each n a node and a saddle exist from their saddle-node ε_SN(n) on; the node is stable up to its flip ε_PD(n). In
+units of the quiet limit both values grow with n towards 1. At a given ε the n with a stable orbit are therefore
+consecutive: for smaller n the nodes are unstable, for larger n they do not exist (docs/decisions/0023-period-one.md).
 """
 
 import math
@@ -13,18 +13,18 @@ from rattle.impacting.orbits.circuits import keep, walk_round
 from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
 from rattle.numerics.compile import kernel
 
-ONE_BY_ONE = 6  # up to here all n are tried: the flips of the first are not in order
-STRONG = 1.6  # damping: beyond, saddle-nodes are not in order either, and nodes are stable above the quiet limit ...
-MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85  # ... and not below this, in units of it
-WEAKEST = 0.02  # contact force of that rate, in units of its mean
+ONE_BY_ONE = 6  # every n up to this one is tried, because the flips of small n are not in order
+STRONG = 1.6  # damping above which saddle-nodes are not in order, and nodes are stable above the quiet limit
+MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85  # largest n tried there, and least ε of stable nodes there, in quiet limits
+WEAKEST = 0.02  # least contact force that the rate of bounces uses, in units of the mean force
 NONE, STABLE, UNSTABLE = range(3)
 
 
 @kernel
 def share_out(work, x):
-    """Fill the shares of half a period's bounces that follow the least contact force, ε being x quiet limits.
+    """Fill the shares of half a period's bounces that follow the least contact force, for ε of x quiet limits.
 
-    With one adiabatic invariant v³/g they come at a rate g/2v ∝ g^(2/3).
+    With one adiabatic invariant v³/g the bounces come at the rate g/2v ∝ g^(2/3).
     """
     shares = work.shares
     shares[0] = 0.0
@@ -37,9 +37,9 @@ def share_out(work, x):
 
 @kernel
 def space(work, n, offset, least):
-    """Set the times to n bounces with one adiabatic invariant.
+    """Set the times to n bounces with a common adiabatic invariant.
 
-    The first of them is a share `offset` ∈ [−1, 0] of a bounce after the phase `least` of least contact force.
+    The first bounce comes `offset` ∈ [−1, 0] of a bounce after the phase `least` of least contact force.
     """
     shares, i = work.shares, 0
     for j in range(n):
@@ -56,13 +56,13 @@ def space(work, n, offset, least):
 
 @kernel
 def node(n, least, work, delta, epsilon, beta):
-    """Return NONE, STABLE or UNSTABLE for the node of n bounces, kept if it is stable."""
+    """Return NONE, STABLE or UNSTABLE for the node of n bounces, and keep it if it is stable."""
     space(work, n, 0.0, least)
     solved, at_one = newton_on_times(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:
         keep(work, n, delta, epsilon, beta)
         return STABLE if at_one < 2.0 * (1.0 + determinant(delta, 1.0, n)) else UNSTABLE
-    before = work.n_found  # near the saddle-node or beyond it: look at all phases of a bounce
+    before = work.n_found  # near or beyond the saddle-node all phases of a bounce are tried
     space(work, n, -0.5, least)
     bounce = work.times[1] - work.times[0]
     _how, zeros = walk_round(work, n, bounce, math.sqrt(n) * bounce / 6.0, delta, epsilon, beta)
@@ -73,7 +73,7 @@ def node(n, least, work, delta, epsilon, beta):
 
 @kernel
 def find_bounces(work, delta, epsilon, beta):
-    """Keep the stable P(1, n, 0) of a cell, 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG)."""
+    """Keep the stable P(1, n, 0) of a cell with 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG)."""
     x = relative_swing(delta, epsilon)
     strong = delta > STRONG
     if x < LEAST_AT_STRONG if strong else x >= 1.0:

@@ -1,7 +1,8 @@
-"""All stable orbits of period one with given walls: a walk along the motions that close but for one impact (compiled).
+"""All stable orbits of period one with given walls: a walk along motions that close except for one impact (compiled).
 
-The times that make all impacts elastic but the first lie on a curve (`rattle.impacting.orbits.impact_times`), and the
-orbits are the zeros of R_0 on it. The curve is a circuit: along it the first time grows by a period, or it closes.
+The times that make all impacts but the first elastic lie on a curve (`rattle.impacting.orbits.impact_times`). The
+orbits are the zeros of the residual R_0 of the first impact along it. The curve is a circuit: along it the first time
+grows by a period, or the curve closes.
 """
 
 import math
@@ -12,21 +13,21 @@ from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
-CORRECTED = 3e-4  # forcing periods: the error after a correction this long is of the order of its square
-FARTHEST = 0.3  # first correction, where a walk begins
-SHORTEST = 1e-4  # step
-FINEST = 0.01  # of the longest step, to resolve R_0
-LEAST_COSINE = 0.9  # of the turn in one step
+CORRECTED = 3e-4  # longest correction, in forcing periods; the error after it is of the order of its square
+FARTHEST = 0.3  # longest first correction of a walk, in forcing periods
+SHORTEST = 1e-4  # shortest step of a walk
+FINEST = 0.01  # shortest step, as a share of the longest one, for resolving R_0
+LEAST_COSINE = 0.9  # least cosine of the turn of the curve in one step
 MOST_STEPS = 400
-MOST_ZOOMS, MOST_HALVINGS = 12, 24  # towards an extremum and a zero of R_0
-NEAR = 0.02  # of a bracket: so close to the zero Newton's method converges on all equations
+MOST_ZOOMS, MOST_HALVINGS = 12, 24  # most refinements towards an extremum, and most halvings towards a zero, of R_0
+NEAR = 0.02  # width of a bracket at which Newton's method on all equations converges
 SAME_ORBIT = 1e-7
 LOST, WOUND, CLOSED = range(3)
 
 
 @kernel
 def enter_orbit(n_plus, n_minus, tau, v, trace, work):
-    """Enter an orbit unless it is there, or there is no room."""
+    """Add an orbit unless it is known or the list is full."""
     n = work.n_found
     for j in range(n):
         label = work.found[j, 0] == n_plus and work.found[j, 1] == n_minus
@@ -40,7 +41,7 @@ def enter_orbit(n_plus, n_minus, tau, v, trace, work):
 
 @kernel
 def keep(work, n, delta, epsilon, beta):
-    """Enter the orbit at these times if it is stable, 0 < p(1) < 2 (1 + e^(−δ)), and happens."""
+    """Add the orbit at these times if it is admissible and stable, 0 < p(1) < 2 (1 + e^(−δ))."""
     equations(work, n, delta, epsilon, beta)
     _value, _slope, at_one = eliminated(work, n)
     most = 2.0 * (1.0 + determinant(delta, 1.0, n))
@@ -55,13 +56,13 @@ def keep(work, n, delta, epsilon, beta):
 
 @kernel
 def point_reached(work, n, s, farthest, delta, epsilon, beta):
-    """Return the point of the curve in the plane across the walk's direction at distance s.
+    """Return the point of the curve at distance s along the walk's direction.
 
-    Corrections on the way to it are no longer than `farthest`.
+    Corrections are no longer than `farthest`.
 
     Returns
     -------
-    result
+    tuple
         (found, R_0, dR_0/ds).
     """
     for i in range(n):
@@ -84,7 +85,7 @@ def point_reached(work, n, s, farthest, delta, epsilon, beta):
 
 @kernel
 def turn_of_curve(work, n):
-    """Return the cosine of the turn from the walk's direction to the curve's, and the length of `response`."""
+    """Return the cosine between the walk's direction and the curve's, and the length of `response`."""
     square, along = 0.0, 0.0
     for i in range(n):
         square += work.response[i] * work.response[i]
@@ -95,9 +96,10 @@ def turn_of_curve(work, n):
 
 @kernel
 def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Keep the orbit at the change of sign of R_0 between two distances.
+    """Keep the orbit at the sign change of R_0 between two distances.
 
-    Newton's steps along the curve, or halves of the bracket, and at last Newton's method on all equations.
+    The search takes Newton steps along the curve, or halves the bracket, and ends with Newton's method on all
+    equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
@@ -117,14 +119,14 @@ def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
 
 @kernel
 def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
-    """Find the point near an extremum where R_0 has the other sign than at 0 and `hi`: (found, distance, R_0)."""
+    """Return (found, distance, R_0) of a point near an extremum where R_0 has the opposite sign to both ends."""
     lo, whole = 0.0, hi
     if min(abs(f_lo), abs(f_hi)) > 0.5 * hi * max(abs(slope_lo), abs(slope_hi)):
         return False, 0.0, 0.0
     for _ in range(MOST_ZOOMS):
         if not slope_lo * f_lo < 0.0 < slope_hi * f_hi:
             break
-        if hi - lo < 0.5 * whole:  # it bends one way, and stays on this side of its tangents
+        if hi - lo < 0.5 * whole:  # R_0 bends one way here, so it stays on one side of its tangents
             s = (f_hi - f_lo + slope_lo * lo - slope_hi * hi) / (slope_lo - slope_hi)
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
                 break
@@ -143,14 +145,14 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
 
 @inline
 def resolved(s, f0, slope0, f1, slope1):
-    """Return whether R_0 and its slopes at both ends of a step agree so well that its zeros between are certain."""
+    """Return whether R_0 and its slopes at both ends of a step agree so well that all zeros between are known."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
 def came_round(work, n, s):
-    """Return whether the step to come passes the start of the work."""
+    """Return whether the next step passes the start of the walk."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]
@@ -161,7 +163,7 @@ def came_round(work, n, s):
 
 @kernel
 def begin_walk(work, n, delta, epsilon, beta):
-    """Begin a walk on the curve near the motion: (whether it is there, R_0, dR_0/ds)."""
+    """Begin a walk on the curve near the motion: (whether the curve was reached, R_0, dR_0/ds)."""
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0
@@ -177,11 +179,11 @@ def begin_walk(work, n, delta, epsilon, beta):
 def walk_round(work, n, span, longest, delta, epsilon, beta):
     """Keep all stable orbits on the circuit near the motion.
 
-    The walk ends when its first time has changed by `span` or the circuit closes. Steps are no longer than `longest`.
+    The walk ends when its first time has changed by `span`, or when the circuit closes. Steps are at most `longest`.
 
     Returns
     -------
-    result
+    tuple
         WOUND, CLOSED or LOST, and the number of sign changes of R_0.
     """
     ok, f0, slope0 = begin_walk(work, n, delta, epsilon, beta)

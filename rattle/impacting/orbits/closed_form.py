@@ -28,12 +28,12 @@ from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 
-A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
+A, B, C, D = np.arange(4)  # np.int64, like the walls, so that kernels are not compiled again for Python integers
 FOUR_PI = 4.0 * math.pi
-SAME_TIME = 1e-6  # a recomputed flight time this close to the family's is the same impact
-GRAZING_SPEED = 2.5e-7  # at Σ⁻, of that at Σ⁺: a graze, in depth of its square, as far as rounding tells
-SLOW, NEAR = 2.5e-5, 1e-4  # the speed, as a share of that at Σ⁺, and the time by which a graze may be off
-EDGE = 1e-9  # nodes start this close to σ = 0, where the closure is singular
+SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
+GRAZING_SPEED = 2.5e-7  # speed at Σ⁻, relative to that at Σ⁺, below which rounding does not distinguish it from a graze
+SLOW, NEAR = 2.5e-5, 1e-4  # errors allowed at a graze: of the speed, relative to that at Σ⁺, and of the time
+EDGE = 1e-9  # first node in σ; at σ = 0 the closure is singular
 NODES_PER_SIDE = 160
 MOST_NODES = 2 * NODES_PER_SIDE + 24
 Array = NDArray[np.float64]
@@ -41,15 +41,23 @@ Array = NDArray[np.float64]
 
 @inline
 def sine_offset_kernel(delta):
-    """Return `limits.sine_offset`."""
+    """Return the result of `limits.sine_offset`, compiled."""
     return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 
 @kernel
 def closure_residual(sigma, delta, beta):
-    """Numerators of X, Y, v, u (speed at Σ⁻) and their common denominator, at time 1/2 + σ from Σ⁺ to Σ⁻."""
+    """Return the numerators of X, Y, v and u (speed at Σ⁻), and their common denominator, at σ.
+
+    The impact on Σ⁻ follows the one on Σ⁺ after the time 1/2 + σ.
+
+    Returns
+    -------
+    tuple of float
+        Four numerators and the denominator.
+    """
     omc, siny, _defect = versines(sigma)
-    cosy = 1.0 - omc  # minus those of 2πs
+    cosy = 1.0 - omc  # sine and cosine of 2πσ, which are minus those of 2πs
     ls, lr = -math.expm1(-delta * (0.5 + sigma)), -math.expm1(-delta * (0.5 - sigma))
     es, er = 1.0 - ls, 1.0 - lr
     le, both = ls + lr - ls * lr, ls * lr
@@ -67,7 +75,7 @@ def closure_residual(sigma, delta, beta):
     determinant = a11 * a22 - a12 * a21
     x, y = b1 * a22 - a12 * b2, a11 * b2 - a21 * b1
     y_s = -(y * cosy + x * siny)
-    p = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # less 4π
+    p = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # p − 4π
     v = p + TWO_PI * y
     u = p * es - FOUR_PI * ls * determinant + TWO_PI * y_s
     return x, y, v, u, determinant
@@ -75,14 +83,14 @@ def closure_residual(sigma, delta, beta):
 
 @kernel
 def amplitude(sigma, delta, beta):
-    """Return ε(σ) on the family: infinite at its pole."""
+    """Return ε(σ) on the family; it is infinite at its pole."""
     x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """0: ε(σ) − level; 1: speed at Σ⁻ times the closure's denominator (no pole)."""
+    """Return ε(σ) − level (kind 0), or the speed at Σ⁻ times the closure's denominator (kind 1), which has no pole."""
     if kind == 0:
         return amplitude(sigma, delta, beta) - level
     return closure_residual(sigma, delta, beta)[3]
@@ -90,14 +98,14 @@ def residual(kind, level, sigma, delta, beta):
 
 @kernel
 def solve_bracketed(kind, level, lo, hi, delta, beta):
-    """Return the root of a residual that changes sign over (lo, hi).
+    """Return the root of a residual that changes sign over (lo, hi), to adjacent doubles.
 
-    Secant steps, halved when they stall, down to adjacent doubles.
+    Secant steps are replaced by bisection when they stall.
 
     Returns
     -------
     float
-        The argument of the residual at which it vanishes, to adjacent doubles.
+        The root σ.
     """
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
@@ -115,7 +123,7 @@ def solve_bracketed(kind, level, lo, hi, delta, beta):
 
 @kernel
 def turning_point(lo, hi, sign, delta, beta):
-    """Minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
+    """Return the minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * amplitude(x1, delta, beta), sign * amplitude(x2, delta, beta)
@@ -133,7 +141,7 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def fill_nodes(delta, beta, sigma, e):
-    """Fill what `nodes` returns into two arrays of MOST_NODES; how many there are."""
+    """Fill the results of `nodes` into two arrays of length MOST_NODES, and return their number."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -149,7 +157,7 @@ def fill_nodes(delta, beta, sigma, e):
             sigma[size] = turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta)
             e[size] = amplitude(sigma[size], delta, beta)
             size += 1
-    for i in range(2 * n, size):  # a few turning points among nodes in order: insertion
+    for i in range(2 * n, size):  # insertion sort, because only a few turning points join nodes that are in order
         new, new_e, j = sigma[i], e[i], i
         while sigma[j - 1] > new:
             sigma[j], e[j] = sigma[j - 1], e[j - 1]
@@ -161,12 +169,12 @@ def fill_nodes(delta, beta, sigma, e):
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
     """Return increasing σ and ε(σ), between which ε is monotone.
 
-    They come from a scan that is geometric about the pole, with the turning points added.
+    The nodes are geometrically spaced around the pole; turning points are added.
 
     Returns
     -------
     tuple[Array, Array]
-        σ and ε, of one length.
+        σ and ε, of equal length.
     """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_nodes(delta, beta, sigma, e)
@@ -175,13 +183,13 @@ def nodes(delta: float, beta: float) -> tuple[Array, Array]:
 
 @kernel
 def trace_of_one_flight(delta, x):
-    """Trace of DΠ at A or C, with x = ε cos 2πτ; the determinant is e^(−δ)."""
+    """Return the trace of DΠ at A or C, where x = ε cos 2πτ. The determinant is e^(−δ)."""
     return 1.0 + math.exp(-delta) + FOUR_PI * math.expm1(-delta) * x / (delta * delta)
 
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """Return a (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
+    """Return A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -194,7 +202,7 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 @kernel
 def double_impact_orbit(sigma, delta, epsilon, beta):
-    """Return the P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
+    """Return the P(1,1,1) orbit at σ: (admissible, τ, v, trace)."""
     x, y, v, u, determinant = closure_residual(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
@@ -211,7 +219,8 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
         return False, tau, v, 0.0
     sin0, cos0 = y / epsilon, x / epsilon
     omc, siny, _defect = versines(sigma)
-    sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny  # half a turn from those of σ
+    # sine and cosine of 2πs, half a turn from those of 2πσ
+    sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny
     d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * r)
     down = departing(-v, sin0, cos0, delta, epsilon, DRIFT)
     up = departing(u, sin1, cos1, delta, epsilon, DRIFT)
@@ -222,7 +231,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 @kernel
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
-    """Keep the first admissible orbit of a kind: with σ from 1/2 down, the branch that SN2 creates comes first."""
+    """Keep the first admissible orbit of a kind. With σ falling from 1/2 the branch that SN2 creates comes first."""
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
         phase[orbit, i], speed[orbit, i], traces[orbit, i] = tau, v, trace
@@ -230,7 +239,7 @@ def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, 
 
 @kernel
 def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
-    """Fill what `period_one_cells` returns, False and NaN before; sigma and e (MOST_NODES,) are worked in."""
+    """Fill the results of `period_one_cells`, which are False and NaN before; sigma and e are scratch memory."""
     last, n = -1, 0
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
@@ -251,12 +260,12 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
 def period_one_cells(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """Return all admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other.
+    """Return all admissible A–D at flat arrays of parameters, visited in `order` so that equal (δ, β) are adjacent.
 
     Returns
     -------
     tuple[NDArray[np.bool_], Array, Array, Array]
-        (exists, τ, v, trace), each (4, n), NaN where there is none.
+        (exists, τ, v, trace), each (4, n), NaN where an orbit does not exist.
     """
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
@@ -267,7 +276,7 @@ def period_one_cells(
 
 @kernel
 def next_grazing(sigma, delta, beta):
-    """Return the first σ beyond this one at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
+    """Return the first larger σ at which the speed at Σ⁻ vanishes, NaN if none."""
     lo, f_lo = sigma, closure_residual(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
     while lo < 0.5:
@@ -281,7 +290,7 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the grazing orbit of that σ: its minimum is on Σ⁻, and nothing else is touched.
+    """Return the grazing orbit at σ, whose minimum lies on Σ⁻ and which touches nothing else.
 
     Returns
     -------
@@ -303,7 +312,7 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Fill what `grazing_cells` returns, NaN before."""
+    """Fill the results of `grazing_cells`, which are NaN before."""
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])
         while sigma < 0.5:
@@ -315,7 +324,7 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
 
 
 def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
-    """G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where absent."""
+    """Return G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where it does not exist."""
     epsilon, phase, trace = np.full((3, delta.size), np.nan)
     fill_grazing(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace
@@ -323,7 +332,7 @@ def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, 
 
 @kernel
 def grazing_cosine(delta, beta):
-    """Return ε cos 2πτ and ε where the family first grazes beyond σ = 0, whichever orbit that is; NaN if nowhere."""
+    """Return ε cos 2πτ and ε at the first graze of the family beyond σ = 0, of A or C; NaN if there is none."""
     sigma = next_grazing(EDGE, delta, beta)
     x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
     return x / determinant, math.hypot(x, y) / abs(determinant)

@@ -1,19 +1,22 @@
-"""A periodic motion as the times of its impacts: equations that stay smooth where the impact map has its square root.
+"""A periodic motion as the times of its impacts: equations that stay smooth where the impact map has a square root.
 
-Given the times t₀, t₁ at its ends, a flight from wall to wall has its velocities in closed form (paper 3.1, 3.2): with
-s = t₁ − t₀, D the distance between the walls, L = 1 − e^(−δs) and C = δ (4πs + ε (cos 2πt₁ − cos 2πt₀) − D)/L,
+Given the times t₀ and t₁ at its ends, a flight from wall to wall has its velocities in closed form (paper 3.1, 3.2).
+With s = t₁ − t₀, D the distance between the walls, L = 1 − e^(−δs) and C = δ (4πs + ε (cos 2πt₁ − cos 2πt₀) − D)/L,
 
     w₀ = 4π − 2πε sin 2πt₀ − C          w₁ = 4π − 2πε sin 2πt₁ − C e^(−δs).
 
-An elastic impact turns the velocity of arrival into minus that of departure (`rattle.flight.impact_law`), so a motion
-with n impacts in m periods is n equations in n times, R_i = w₀ of flight i + w₁ of flight i − 1 = 0 with t_n = t₀ + m.
-Each equation holds three neighbouring times. A perturbation that grows by λ over the motion solves the same equations
-with t_n' = λ t₀', so
+At an elastic impact the velocity of departure is minus that of arrival (`rattle.flight.impact_law`). A motion with n
+impacts in m periods therefore solves n equations in n times,
 
-    det J(1) = 0 at a saddle-node,   det J(−1) = 0 at a flip,   w₁ = 0 at a graze,
+    R_i = w₀ of flight i + w₁ of flight i − 1 = 0,    t_n = t₀ + m.
 
-all analytic in times and parameters, through grazing and beyond, where the motion is virtual: it comes from behind the
-wall. Everything here takes complex arguments, whose imaginary part carries exact derivatives (`derivatives`).
+Each equation holds three neighbouring times. J(λ) is the Jacobian ∂R/∂t for perturbations dt that grow by λ over the
+motion, dt_n = λ dt₀. It follows that
+
+    det J(1) = 0 at a saddle-node,   det J(−1) = 0 at a flip,   w₁ = 0 at a graze.
+
+All are analytic in times and parameters, through grazing and beyond, where the motion is virtual and comes from behind
+the wall. All functions take complex arguments, whose imaginary part carries exact derivatives.
 """
 
 from dataclasses import dataclass
@@ -34,9 +37,9 @@ from rattle.orbits.periodic import Equations
 
 @kernel
 def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
-    """Fill the flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n).
+    """Fill the flights (6, k, n), R (k, n) and J(λ) (k, n, n) of motions x (k, n + 2) over the distances gaps (n,).
 
-    They are zero before, and J without rows if it is not asked for.
+    The arrays are zero before. `matrix` has no rows if J is not needed.
     """
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
@@ -65,21 +68,21 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 @dataclass(frozen=True)
 class Itinerary(Equations):
-    """Walls that a motion meets, in their order, its forcing periods, and the half-backlash."""
+    """The walls of a motion in order, its number of forcing periods, and the half-backlash."""
 
     @property
     def n(self) -> int:
-        """Impacts per period."""
+        """Number of impacts per period."""
         return len(self.walls)
 
     @cached_property
     def gaps(self) -> Array:
-        """The distance D that each flight covers (n,)."""
+        """Distance D of each flight (n,)."""
         walls = np.asarray(self.walls)
         return self.beta * (np.roll(walls, -1) - walls)
 
     def _solved(self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False) -> tuple[NDArray, ...]:
-        """Flights (6, …, n), R (…, n) and J(λ) (…, n, n), if asked for."""
+        """Return flights (6, …, n), R (…, n), and J(λ) (…, n, n) if wanted."""
         batch, n = batch_of(x), self.n
         k, size = len(batch), n if with_matrix else 0
         flights, residual, matrix = (np.zeros(shape, complex) for shape in ((6, k, n), (k, n), (k, size, size)))
@@ -91,16 +94,16 @@ class Itinerary(Equations):
         return Flights(*self._solved(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
-        """R (…, n): zero where every impact obeys the impact law."""
+        """Return R (…, n), which is 0 where every impact obeys the impact law."""
         return self._solved(x)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀', from the same flights."""
+        """Return the residual R and its Jacobian J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
         _, residual, matrix = self._solved(x, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """R (…, n + 1), and after it the velocity with which an impact is reached."""
+        """Return R followed by the arrival velocity at one impact, (…, n + 1)."""
         flights, residual, _ = self._solved(x)
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
@@ -117,7 +120,7 @@ class Itinerary(Equations):
         with np.errstate(divide="ignore", invalid="ignore"):
             after = -flights.pull * flights.w1
             for i in range(self.n):
-                # dw₀ = w0_t0 dt₀ + after dt₁ gives dt₁; then dw₁ = before dt₀ + w1_t1 dt₁
+                # solve dw₀ = w0_t0 dt₀ + after dt₁ for dt₁, and insert it into dw₁ = before dt₀ + w1_t1 dt₁
                 t_t, t_w = -flights.w0_t0[i] / after[i], 1.0 / after[i]
                 w_t = flights.decay[i] * flights.pull[i] * flights.w0[i] + flights.w1_t1[i] * t_t
                 w_w = flights.w1_t1[i] * t_w
@@ -126,19 +129,19 @@ class Itinerary(Equations):
         return product
 
     def trace(self, x: Array) -> float:
-        """Return the trace of the monodromy.
+        """Return the trace of the monodromy matrix.
 
         Returns
         -------
         float
-            Infinite at a graze, where the terms are too, of either sign, and have no sum.
+            Infinite at a graze, where both terms are infinite and their sum is undefined.
         """
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
 
 
 def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> ContinuationProblem:
-    """Return the equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
+    """Return the equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p · direction, in its times and p."""
 
     def equations(y: NDArray) -> NDArray:
         n = itinerary.n
@@ -148,9 +151,9 @@ def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Continuati
 
 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
-    """Return both multipliers (2,) of the motion of x.
+    """Return both multipliers (2,) of the motion at x.
 
-    At a graze they are those of the motion that misses the impact `grazed`, which are finite.
+    If the motion grazes, they are the finite multipliers of the motion without the impact `grazed`.
 
     Returns
     -------

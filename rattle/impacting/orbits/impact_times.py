@@ -1,8 +1,8 @@
 """A motion of period one as the times of its impacts, at one parameter point (compiled).
 
-The equations of `rattle.impacting.orbits.equations`: n times, and as many conditions R_i = 0 that impact i is elastic,
-each on three neighbouring times. All but the first are solved for all times but the first; what is left is R_0 as a
-function of the first time alone, along a curve of motions that close but for one impact.
+The equations are those of `rattle.impacting.orbits.equations`: n times, and n conditions R_i = 0 that impact i is
+elastic, each on three neighbouring times. All equations but the first are solved for all times but the first. The
+remaining residual R_0 is then a function of the first time, along a curve of motions that close except for one impact.
 """
 
 import math
@@ -15,24 +15,24 @@ from rattle.flight.impact_law import arrival_part
 from rattle.flight.law import LONGEST_DECAY, decay64, folded
 from rattle.numerics.compile import inline, kernel
 
-SAME_TIME = 1e-6  # a recomputed flight time this close to the motion's is the same flight
-SOLVED = 1e-11  # forcing periods: after a step of Newton's method this short nothing is left to gain
-NEARLY = 1e-7  # likewise, if steps do not become shorter any more
+SAME_TIME = 1e-6  # largest difference of flight times that counts as the same flight
+SOLVED = 1e-11  # length of a Newton step, in forcing periods, after which the solution is exact to rounding
+NEARLY = 1e-7  # length of a Newton step that suffices if steps no longer become shorter
 NEWTON_STEPS = 12
-SHARE_LEFT = 0.4  # of a flight, after one step
+SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step
 
-MOST_IMPACTS = 128  # of a motion
-MOST_ORBITS = 160  # of a cell
-SECTIONS = 32  # of half a period, in each of which the rate of bounces is taken to be constant
+MOST_IMPACTS = 128  # most impacts of a motion
+MOST_ORBITS = 160  # most orbits of a cell
+SECTIONS = 32  # sections of half a period with a constant rate of bounces
 
-#: Of a motion: walls (±1) and times of its impacts, in order. By row of the equations: residuals, their derivatives by
-#: the time before, at and after; after elimination the changes of the times that solve all but the first equation, at a
-#: fixed first time and as that moves by one.
+#: Fields of a motion: walls (±1) and times of its impacts, in order. For each equation: its residual, and its
+#: derivatives by the previous, its own and the next time. After elimination: `change` of the times that solves all but
+#: the first equation at a fixed first time, and `response` of the times to a unit change of the first.
 _OF_MOTION = ("times", "sines", "cosines", "residual", "before", "at", "after", "change", "response")
-#: Of a walk along motions: where it began, where it is, in which direction it goes on, and both after a step.
+#: Fields of a walk along motions: its start, its position and direction, and both after a step.
 _OF_WALK = ("start", "point", "direction", "next_point", "next_direction")
-#: What a search of orbits works on. shares: of half a period's bounces. found: n_found stable orbits of a cell, rows
-#: of impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of the fastest on Σ⁺, trace of the map over the period.
+#: Scratch memory of a search for orbits. shares: shares of half a period's bounces. found: the n_found stable orbits of
+#: a cell, with impacts on Σ⁺ and Σ⁻ in a period, phase and speed of the fastest impact on Σ⁺, and trace of the map.
 WORK = np.dtype(
     [("walls", np.int64, (MOST_IMPACTS,))]
     + [(name, np.float64, (MOST_IMPACTS,)) for name in (*_OF_MOTION, *_OF_WALK)]
@@ -41,20 +41,20 @@ WORK = np.dtype(
 
 
 def workspace() -> np.void:
-    """Memory for one search."""
+    """Return scratch memory for one search."""
     return np.zeros(1, WORK)[0]
 
 
 @inline
 def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
-    """Return the velocities at both ends of a flight of duration s over a distance, and 1 − e^(−δs).
+    """Return the velocities at both ends of a flight of duration s over the distance gap, and 1 − e^(−δs).
 
-    Short ones lose no digits. F(s) = gap, with F of `rattle.flight.law`, is linear in w.
+    F(s) = gap, with F of `rattle.flight.law`, is linear in w. Short flights lose no digits.
 
     Returns
     -------
-    result
-        Three numbers.
+    tuple of float
+        w₀, w₁ and 1 − e^(−δs).
     """
     step = versines(s)
     x = delta * s
@@ -68,13 +68,13 @@ def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
 
 @inline
 def following_impact(i, n):
-    """Return the number of the next impact, and how many periods later it counts."""
+    """Return the number of the next impact, and 1 if it belongs to the next period (else 0)."""
     return (i + 1, 0.0) if i < n - 1 else (0, 1.0)
 
 
 @kernel
 def equations(work, n, delta, epsilon, beta):
-    """Residuals and their derivatives; True if each flight leaves its wall into the gap and arrives from there."""
+    """Compute residuals and derivatives; return whether each flight leaves and reaches its walls from the gap."""
     walls, times, at = work.walls, work.times, work.at
     for i in range(n):
         work.sines[i], work.cosines[i] = phase_at(times[i])
@@ -99,13 +99,13 @@ def equations(work, n, delta, epsilon, beta):
 
 @kernel
 def eliminated(work, n):
-    """Solve all equations but the first, n ≥ 2.
+    """Solve all equations but the first, for n ≥ 2.
 
-    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers of an orbit, is det J times a positive factor.
+    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers λ of an orbit, is det J times a positive factor.
 
     Returns
     -------
-    result
+    tuple of float
         (R_0 after `change`, dR_0/dt_0 along `response`, p(1)).
     """
     before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
@@ -134,7 +134,15 @@ def eliminated(work, n):
 
 @kernel
 def moved(work, n, first):
-    """Change the times, with the first moved so much, by less where a flight would all but vanish: the whole change."""
+    """Change the times so that the first moves by `first`, and return the largest full change.
+
+    The change that is made is shorter where a flight would almost vanish.
+
+    Returns
+    -------
+    float
+        The largest change of a time before shortening.
+    """
     size, share = 0.0, 1.0
     for i in range(n):
         work.change[i] += first * work.response[i]
@@ -152,13 +160,13 @@ def moved(work, n, first):
 
 @kernel
 def newton_on_times(work, n, farthest, delta, epsilon, beta):
-    """Solve all equations by Newton's method, in steps no longer than `farthest`.
+    """Solve all equations by Newton's method, in steps of at most `farthest`.
 
-    It fails too if the motion comes from behind a wall.
+    The method also fails if the motion comes from behind a wall.
 
     Returns
     -------
-    result
+    tuple
         (found, p(1)).
     """
     size = math.inf
@@ -175,7 +183,7 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
 
 @kernel
 def fastest_if_admissible(work, n, delta, epsilon, beta):
-    """Return whether each flight is a true first impact, and τ and v of the fastest impact on Σ⁺."""
+    """Return whether each flight ends at its first impact, and τ and v of the fastest impact on Σ⁺."""
     tau, v = 0.0, 0.0
     for i in range(n):
         j, later = following_impact(i, n)

@@ -1,9 +1,9 @@
-"""Limits as formulas in the (δ, ε) plane: SN1, the flip of C (PDC) and the quiet limit.
+"""Limits as formulas in the (δ, ε) plane: SN1, the flip of C (PDC), and the quiet limit.
 
-All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape. The quiet limit holds
-everywhere. The other two solve the equations of A and C, whose motion may have to pass Σ⁻ there:
-`rattle.impacting.orbits.period_one` has them where they hold. All three are formulas for the forcing of one cosine,
-SN1 and the flip for elastic impacts too.
+All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape. The quiet limit is valid
+everywhere. SN1 and the flip solve the equations of A and C even where their motion is virtual because it would pass Σ⁻;
+`rattle.impacting.orbits.period_one` restricts them to admissible motions. All three hold for the forcing of one cosine,
+and SN1 and the flip for elastic impacts only.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ def _damping(delta: ArrayLike) -> FloatArray:
 
 @inline
 def sine_offset_series(q: Any) -> Any:
-    """2 − δ coth(δ/2) from q = δ²."""
+    """Return 2 − δ coth(δ/2) as a series in q = δ²."""
     return -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
 
 
 def sine_offset(delta: ArrayLike) -> FloatArray:
-    """Return ε sin 2πτ of A and C: 2 − δ coth(δ/2) ≤ 0, by its series where the difference would cancel."""
+    """Return ε sin 2πτ of A and C, 2 − δ coth(δ/2) ≤ 0. At small δ a series avoids cancellation."""
     d = np.asarray(delta, dtype=np.float64)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of the one that is not taken
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # warnings of the branch that np.where discards
         series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)
     return np.where(d < SMALL, series, exact)
 
@@ -49,11 +49,19 @@ def sn1_formula(delta: ArrayLike) -> FloatArray:
 def flip_formula(delta: ArrayLike) -> FloatArray:
     """Return ε of the flip PDC of C, ε² = SN1² + (δ² coth(δ/2)/2π)², virtual or not. Not in the paper."""
     d = _damping(delta)
-    with np.errstate(over="ignore"):  # it is beyond double precision from δ = 3e154 on
+    with np.errstate(over="ignore"):  # the square overflows from δ = 3e154 on
         return np.hypot(sn1_formula(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
 
 
 def quiet_limit(delta: ArrayLike) -> FloatArray:
-    """Largest ε with permanent contact: 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt > 0 for all t iff ε < 2δ/√(4π² + δ²)."""
+    """Return the quiet limit ε = 2δ/√(4π² + δ²).
+
+    Permanent contact needs 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt > 0 for all t, which holds if and only if ε is smaller.
+
+    Returns
+    -------
+    float or ndarray
+        ε, of the shape of delta.
+    """
     d = _damping(delta)
     return quiet_size(d)

@@ -1,11 +1,11 @@
-"""A–D over whole parameter arrays, with multipliers and stability.
+"""Orbits A–D over arrays of parameters, with multipliers and stability.
 
-The regions that they make; their grazing curves G1 (C touches Σ⁻) and G2 (A touches); SN1 and the flip of C where these
-motions happen.
+The module also has the regions that the sets of orbits define, the grazing curves G1 (C touches Σ⁻) and G2 (A touches),
+and SN1 and the flip of C where their motions are admissible.
 
 On the P(1,1,1) family of `rattle.impacting.orbits.closed_form` the orbit grazes where its speed at Σ⁻ vanishes. There
-it is also A or C, so v = 2πδ, and the multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 −
-E) ε cos 2πτ/δ², determinant E = e^(−δ).
+it is also A or C, so v = 2πδ, and the multipliers of the motion that misses the wall are those of A or C: trace 1 + E −
+4π(1 − E) ε cos 2πτ/δ², determinant E = e^(−δ).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formul
 from rattle.orbits.period_one import NAMES, MissingLimit, Orbit, PeriodOne, classify, existing_orbits, multipliers_of
 
 CURVES = ("G1", "G2")
-BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # above SN1; of ε
+BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # factor just above SN1; largest ε
 
 
 class Grazing(NamedTuple):
-    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
+    """Points of a grazing curve for damping of shape S: ε (*S), phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
 
-    NaN where absent.
+    All are NaN where the curve does not exist.
     """
 
     epsilon: NDArray[np.float64]
@@ -165,7 +165,7 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
 
 
 def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
-    """Return these eccentricities (of the shape of delta) where C is admissible or, if virtual, all; else NaN."""
+    """Return the eccentricities (of the shape of delta) where C is admissible, NaN elsewhere; all if `virtual`."""
     d, _, b = parameters(delta, 0.0, beta)
     e = np.broadcast_to(epsilon, d.shape)
     if virtual:
@@ -175,13 +175,13 @@ def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtu
 
 
 def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
-    """Return the events that replace SN1 and the flip of C, for those of the two that do not happen at this damping."""
+    """Return the events that replace SN1 and the flip of C where one of them is virtual at this damping."""
     born, end = not np.isnan(sn1(delta, beta)), float(grazing("G1", delta, beta).epsilon)
     found = []
     if not born:
         begin, formula = float(grazing("G2", delta, beta).epsilon), float(sn1_formula(delta))
         if np.isnan(begin) and period_one(delta, min(formula * BESIDE, LARGEST), beta).exists[NAMES.index("A")]:
-            begin = formula  # at COD22, where rounding decides whether the motion of SN1 grazes
+            begin = formula  # at COD22 rounding decides whether the motion of SN1 grazes
         found.append(
             MissingLimit("sn1", "none at this damping: A and C do not exist", None)
             if np.isnan(begin)

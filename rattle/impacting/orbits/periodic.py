@@ -1,6 +1,7 @@
 """Any periodic motion P(m, n₊, n₋), stable or not.
 
-Solved for the times of its impacts, with multipliers and a check that each flight is a true first impact.
+A motion is solved for the times of its impacts. It has its multipliers, and each flight is checked to end at its first
+impact.
 """
 
 from dataclasses import dataclass
@@ -16,9 +17,9 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
 
-SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
-GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth of its square; of `speed_unit`
-GRAZING_TIME = 1e-4  # and what that speed does to the time, and to the speed of arrival
+SAME_TIME = 1e-6  # largest difference of flight times that counts as the same flight
+GRAZING_SPEED = 1e-6  # largest speed, in units of `speed_unit`, that rounding may give a graze
+GRAZING_TIME = 1e-4  # largest error that such a speed causes in the time and in the arrival speed
 
 
 @dataclass(frozen=True, repr=False)
@@ -27,36 +28,36 @@ class PeriodicOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motion leaves the walls (n,): those of the impacts."""
+        """Return the times at which the motion leaves the walls (n,), which are those of the impacts."""
         return self.times
 
     @property
     def point(self) -> Point:
-        """Return the motion's parameters; nothing is taken to be quiet."""
+        """Return the motion's parameters for kernels, without the test for quiet motion."""
         return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:
-        """Return the walls of the motion in their order."""
+        """Return the walls of the motion in order."""
         return Itinerary(self.walls, self.m, self.beta)
 
     @property
     def unknowns(self) -> Array:
-        """Times, δ and ε (n + 2,), as the impact equations take them."""
+        """Return times, δ and ε (n + 2,) as the unknowns of the impact equations."""
         return np.append(self.times, [self.delta, self.epsilon])
 
 
 def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
-    """Return the motion of a solution x (n + 2,) of the impact equations; impacts start with one on Σ⁺, time folded."""
+    """Return the motion at a solution x (n + 2,), rotated to begin on Σ⁺ with its first time in [0, 1)."""
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
     return PeriodicOrbit.of(itinerary, x, speeds, itinerary.trace(x), admissible(itinerary, x))
 
 
 def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
-    """Return whether the motion of x (n + 2,) is admissible.
+    """Return whether the motion at x (n + 2,) is admissible.
 
-    It is if it leaves each wall into the gap, and each flight ends at its first impact. Impact number `grazed`, if
-    given, has speed 0 and may be made or missed.
+    It is admissible if it leaves each wall into the gap and each flight ends at its first impact. Impact number
+    `grazed`, if given, has speed 0 and may be made or missed.
 
     Returns
     -------
@@ -67,13 +68,13 @@ def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> boo
 
 
 def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
-    """Return the first flight that does not happen.
+    """Return the first flight of a virtual motion that is not possible.
 
     Returns
     -------
     tuple[int, int, float] | None
-        Its impact of departure, the wall that it meets instead and when; wall 0 if the motion would have to leave from
-        behind the wall. None if all flights happen.
+        The number of its departure, the wall that it meets instead, and when; wall 0 if the motion would start from
+        behind its wall. None if the motion is admissible.
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
@@ -103,7 +104,7 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
-    """Return whether a flight that misses the grazed impact i + 1 arrives where the next flight does."""
+    """Return whether a flight that misses the grazing impact i + 1 arrives where the next flight does."""
     after = (i + 2) % itinerary.n
     arrival = ends[i + 2] if i + 2 < ends.size else ends[1] + itinerary.m
     return bool(wall == itinerary.walls[after] and abs(s - (arrival - ends[i])) < GRAZING_TIME)
@@ -112,7 +113,7 @@ def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> b
 def _impact(
     wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
 ) -> tuple[int, float, int, float]:
-    """Status, flight time, wall and velocity of the first impact of a flight."""
+    """Return status, flight time, wall and velocity of the first impact of a flight."""
     found = first_impact.first_impact(wall, float(law.folded(time)), w, delta, epsilon, beta, forcing.DRIFT)
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
@@ -120,7 +121,7 @@ def _impact(
 def follow_impacts(
     delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
 ) -> tuple[Itinerary, Array]:
-    """Return the itinerary and the unknowns of the flights from (τ, v) on, until Σ⁺ has been met n_plus times more.
+    """Return the itinerary and the unknowns of the flights from (τ, v) over the next n_plus impacts on Σ⁺.
 
     Returns
     -------
@@ -137,7 +138,7 @@ def follow_impacts(
     while True:
         status, s, wall, w1 = _impact(wall, time, w, delta, epsilon, beta)
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it comes to rest or impacts without end")
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it comes to rest, or stays on Σ⁻")
         time, w = time + s, impact_law.reflected(w1)
         left -= wall == 1
         if left == 0:
@@ -152,9 +153,9 @@ def periodic_orbit(
 ) -> PeriodicOrbit:
     """Return the periodic motion near the state (τ, v) after an impact on Σ⁺, with n_plus ≥ 1 impacts on Σ⁺ per period.
 
-    Newton's method on the impact equations, from the flights that start at (τ, v): tau, v and n_plus are those of an
-    `Attractor`. The motion has its least period: if it repeats itself earlier than after n_plus impacts, its n_plus is
-    smaller. All numbers dimensionless; time in forcing periods.
+    The impact equations are solved by Newton's method, starting with the flights from (τ, v). The fields tau, v and
+    n_plus of an `Attractor` are suitable. The motion has its least period: if it already repeats after fewer than
+    n_plus impacts, its n_plus is smaller. All numbers are dimensionless, time is in forcing periods.
 
     Returns
     -------
@@ -166,7 +167,7 @@ def periodic_orbit(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no periodic motion near, or it does not happen.
+        If there is no periodic motion near, or it is virtual.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
@@ -181,15 +182,7 @@ def periodic_orbit(
 
 
 def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
-    """Return a motion as its impact equations; an `Orbit` is solved for.
-
-    Raises ParameterError if it is another gear's.
-
-    Returns
-    -------
-    PeriodicOrbit
-        The argument itself, if it is one.
-    """
+    """Return a motion as a `PeriodicOrbit`. An `Orbit` is solved for. Raises ParameterError for another gear's."""
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
@@ -198,7 +191,7 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
 
 
 def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
-    """Return None if the motion of x happens (`admissible`), else what happens instead, in words."""
+    """Return None if the motion at x is admissible, else a sentence that says why it is not."""
     failure = first_failure(itinerary, x, grazed)
     if failure is None:
         return None
@@ -222,9 +215,9 @@ def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If it is absent.
+        If the orbit does not exist there.
     """
     for orbit in orbits_at(delta, epsilon, beta):
         if orbit.name == name:
             return periodic_orbit(delta, epsilon, orbit.tau, orbit.v, 1, beta)
-    raise RattleError(f"there is no {name} at delta = {delta}, epsilon = {epsilon}, beta = {beta}")
+    raise RattleError(f"the orbit {name} does not exist at delta = {delta}, epsilon = {epsilon}, beta = {beta}")

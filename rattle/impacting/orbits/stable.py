@@ -1,7 +1,8 @@
-"""All stable orbits of period one at a parameter point, each cell by itself (compiled).
+"""All stable orbits of period one at parameter points, each cell by itself (compiled).
 
-P(1, 1, 0) in closed form, P(1, n, 0) as `rattle.impacting.orbits.bounces`, and those with impacts on Σ⁻ on the circuits
-of three kinds of words, (+−)^k, +^n − and + −^k: docs/decisions/0023-period-one.md says where there are others.
+P(1, 1, 0) comes from closed forms, P(1, n, 0) from `rattle.impacting.orbits.bounces`. Orbits with impacts on Σ⁻ come
+from the circuits of three kinds of itineraries, (+−)^k, +^n − and + −^k. docs/decisions/0023-period-one.md says where
+other orbits exist.
 """
 
 import math
@@ -23,18 +24,26 @@ from rattle.numerics.compile import kernel
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-MOST_CROSSINGS = 16  # k of (+−)^k
-MOST_ON_ONE_WALL = 6  # n of +^n −, k of + −^k
-PHASES = 4  # of the first impact, from which a circuit of (+−)^k is looked for
-STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))  # time to cross; whether Newton's method comes first
+MOST_CROSSINGS = 16  # largest k of (+−)^k
+MOST_ON_ONE_WALL = 6  # largest n of +^n −, and largest k of + −^k
+PHASES = 4  # phases of the first impact from which a circuit of (+−)^k is searched
+# guesses of the time across the gap, and whether Newton's method is tried first
+STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
 
 
 class Stable(NamedTuple):
     """The stable orbits of period one of cells.
 
-    How many (cells,), and (cells, room), those with the fewest impacts first, their impacts on Σ⁺ and on Σ⁻ in a
-    period, phase and speed of the fastest impact on Σ⁺, and trace of the tangent map over the period; 0 and NaN beyond
-    the last.
+    Attributes
+    ----------
+    n : (cells,)
+        Number of orbits. The other arrays are (cells, room), those with the fewest impacts first; 0 and NaN beyond n.
+    n_plus, n_minus
+        Impacts on Σ⁺ and Σ⁻ in a period.
+    tau, v
+        Phase and speed of the fastest impact on Σ⁺.
+    trace
+        Trace of the tangent map over the period.
     """
 
     n: Counts
@@ -47,7 +56,7 @@ class Stable(NamedTuple):
 
 @kernel
 def find_crossings(least, work, delta, epsilon, beta):
-    """Keep the stable (+−)^k. Their circuits wind: 1/k later, the first impact is where the third one was."""
+    """Keep the stable (+−)^k. Along their circuits the first impact moves by 1/k, to the place of the third."""
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
         n = 2 * k
@@ -59,18 +68,20 @@ def find_crossings(least, work, delta, epsilon, beta):
             how, zeros = walk_round(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        crosses = 4.0 * k * k * beta > math.pi * delta  # unforced and undamped, the motion of period 1/k does
+        # without forcing and damping, the motion of period 1/k crosses the gap
+        crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
-        if idle == 2:  # more crossings are faster, and lose more
+        if idle == 2:  # motions with more crossings are faster and dissipate more, so none follow
             break
 
 
 @kernel
 def find_single(single, others, least, work, delta, epsilon, beta):
-    """Keep the stable orbits with one impact on the wall `single` and `others` on the other one.
+    """Keep the stable orbits with one impact on the wall `single` and `others` on the other wall.
 
-    Their circuit closes round the motion whose impact on Σ⁻ alone comes when the contact force is least, or on Σ⁺ alone
-    half a period later. If the gap is small there are two that wind, with short and with long flights across.
+    Their circuit closes around a motion whose single impact comes at the phase of least contact force (on Σ⁻), or half
+    a period later (on Σ⁺). If the gap is small, two circuits wind instead, with short and with long flights across the
+    gap.
     """
     n = others + 1
     for crossing, solved in STARTS:
@@ -80,7 +91,7 @@ def find_single(single, others, least, work, delta, epsilon, beta):
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
         if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
-            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero may not see it
+            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero of R_0 may miss it
         how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
             break
@@ -105,7 +116,7 @@ def find_stable(work, delta, epsilon, beta, offset):
 
 @kernel
 def sort_by_impacts(work):
-    """Sort the rows by their impacts in a period."""
+    """Sort the orbits by their impacts in a period."""
     rows = work.found
     for i in range(1, work.n_found):
         j = i
@@ -130,7 +141,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
 
 
 def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable:
-    """Return the stable orbits of period one of flat parameter arrays (cells,), with room for so many of each cell."""
+    """Return the stable orbits of period one at flat arrays of parameters (cells,), at most `room` in each cell."""
     shape = (delta.size, room)
     n, (n_plus, n_minus), (tau, v, trace) = (
         np.zeros(delta.size, np.int64),

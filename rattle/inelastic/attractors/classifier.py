@@ -1,12 +1,12 @@
 """Find the attractors of samples of the inelastic gear, by the stages of `rattle.attractors.classify`.
 
-With one cosine and no load samples fly in lanes (`rattle.impacting.attractors.settle`), else one by one.
+With one cosine and no load samples fly in lanes (`rattle.impacting.attractors.settle`), otherwise one by one.
 
-Where impacts lose energy, chaos that comes near to contact loses all samples to it, sooner or later: what follows a
-release is one motion, and it comes back to contact. So what is left of a cell is chaotic only if PROBES states beside
-it make EXPOSURE impacts together and none comes to contact. If one does, all that is left is on the same way. If one
-ends without contact, samples may be on their way to a periodic motion, and are followed to the last stage before that
-is concluded.
+Where impacts lose energy, a chaotic set that comes close to contact finally loses all samples to contact. After a
+release the motion is one trajectory, which returns to contact. Unresolved samples of a cell are therefore chaotic only
+if PROBES states close to them make EXPOSURE impacts together and none enters contact. If one does, all unresolved
+samples share its fate. If one ends without contact, samples may be approaching a periodic motion, and are followed to
+the last stage before chaos is concluded.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from rattle.inelastic.map.harmonics import forcing_shape
 from rattle.inelastic.map.iterate import returned_states
 from rattle.parameters import Parameters
 
-PROBES = 16  # states of a cell that are followed for contact
-EXPOSURE = 2**18  # impacts that they make together
+PROBES = 16  # states of a cell that are followed to see whether they enter contact
+EXPOSURE = 2**18  # impacts that these states make together
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
-    """Return cells with these parameters (n,), as kernels take them."""
+    """Return the record of cells with these parameters (n,) for kernels."""
     added = parameters.added["restitution"], parameters.added["load"]
     return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
@@ -46,7 +46,7 @@ def cells_of(parameters: Parameters) -> InelasticCells:
 def _(
     cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
 ) -> InelasticCells:
-    """Cells on the way find the zeros of their contact force anew."""
+    """Return cells between two others; the zeros of their contact force are computed anew."""
     given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
     delta, epsilon, beta, restitution, load = (
         (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
@@ -55,13 +55,13 @@ def _(
 
 
 class InelasticClassifier(Classifier):
-    """The samples of a block of cells on their way, and what is known of the cells."""
+    """Classify the samples of a block of cells of the inelastic gear."""
 
     def __init__(
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
-        """Begin as the classifier of any gear, with no contact phases known."""
-        room = len(cells.delta), cells.zeros.shape[1]  # a state for each release at most
+        """Prepare the classifier as for any gear, with no contact phases known."""
+        room = len(cells.delta), cells.zeros.shape[1]  # at most one state for each release
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )
@@ -69,7 +69,8 @@ class InelasticClassifier(Classifier):
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
         self.is_lossy = cells.restitution < 1.0
-        self.doubts = np.ones(room[0], np.int64)  # twice as many each time that something left a cell's chaos
+        # factor on the exposure of a cell, doubled each time a state leaves its chaotic set
+        self.doubts = np.ones(room[0], np.int64)
         self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
 
@@ -80,7 +81,7 @@ class InelasticClassifier(Classifier):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """See `Classifier`."""
+        """Follow states as `Classifier.iterated` says."""
         cells, quiet = cells_of(parameters), np.zeros(tau.size, np.int8)
         tau, v, cell = tau.copy(), v.copy(), np.zeros(tau.size, np.int64)
         if parameters.size > 1:
@@ -91,7 +92,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """No speed above 0 is known beforehand to become quiet: each impact tells."""
+        """Return 0, because each impact decides for itself whether its chatter completes."""
         return 0.0
 
     @property
@@ -101,7 +102,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def damping(cells: InelasticCells) -> NDArray[np.float64]:
-        """Return the rate at which areas of states shrink: drag, and one impact a period on each wall or more on one.
+        """Return the contraction rate of areas of states: drag, and one impact a period on each wall or more on one.
 
         Returns
         -------
@@ -111,22 +112,24 @@ class InelasticClassifier(Classifier):
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return the cells that leak otherwise than by contact."""
+        """Return flags of cells whose chaotic sets lose samples by other ways than contact."""
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return the cells with elastic impacts: where contact takes samples, `judge` need not wait."""
+        """Return flags of cells with elastic impacts. Where contact takes samples, `judge` need not wait."""
         return ~self.is_lossy[cells]
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Decide what is left in these cells, as in any gear, and whether contact takes it."""
+        """Decide the unresolved samples of these cells, as for any gear, and whether contact takes them."""
         decided = super().judge(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
         return decided
 
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Follow states beside what is left in these cells (k,): where some of them end, all do, in the same shares.
+        """Follow states close to the unresolved samples of these cells (k,). If some of them end, all samples do so.
+
+        The samples are distributed over the ends of these states in the same shares.
 
         Returns
         -------
@@ -154,10 +157,10 @@ class InelasticClassifier(Classifier):
         return decided
 
     def enter_known_orbits(self) -> None:
-        """No motion is known beforehand."""
+        """Do nothing, because no orbit is known without samples."""
 
     def grow_balls(self) -> None:
-        """Count the contact phases of new orbits, then grow their balls of capture."""
+        """Count the contact phases of new orbits, then grow their capture regions."""
         label_contacts(self.grown, self.cells, self.orbits.for_kernels())
         super().grow_balls()
 
@@ -175,7 +178,7 @@ class InelasticClassifier(Classifier):
         super().resolve(which[~exact], samples)
 
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these balls of capture."""
+        """Find the radii of these capture regions."""
         enlarge_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -188,7 +191,7 @@ class InelasticClassifier(Classifier):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these of the survey's samples with a tangent vector."""
+        """Follow these samples with a tangent vector."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         in_lanes = self.in_lanes[self.samples.cell[which]]
         for some in (in_lanes, ~in_lanes):

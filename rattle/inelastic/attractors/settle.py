@@ -1,9 +1,10 @@
 """Follow samples of the inelastic gear until each is quiet, captured, recurs, or has made its impacts (compiled).
 
-Sample by sample, as in `rattle.stiff.attractors.settle`. What follows a release does not depend on what went before:
-the first impact on Σ⁺ after a contact phase is one of a few states, to the bit. The first sample that comes to one of
-these has it followed until one comes back: the motion is then periodic, however long its period. The cell knows them
-from then on (`ContactStates`), and every sample that comes to one has its answer.
+The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a release does not depend
+on the motion before: the first impact on Σ⁺ after a contact phase is one of a few states, identical to the last bit.
+The first sample that reaches such a state follows it until a state after contact returns. The motion is then periodic,
+however long its period. `ContactStates` keeps these states for the cell, so that every later sample that reaches one of
+them is resolved at once.
 """
 
 import math
@@ -34,14 +35,14 @@ from rattle.inelastic.map.impact_map import next_on_plus, step, step_tangent
 from rattle.inelastic.map.runs import merged_runs
 from rattle.numerics.compile import inline, kernel
 
-#: After contact: a state that does not come back in MOST_RETURNS, one that was not followed, and one that leads to a
-#: motion without contact whose ball of capture is not known yet.
+#: Codes of a state after contact: it does not return within MOST_RETURNS; it was not followed yet; it leads to a motion
+#: without contact whose capture region does not exist yet.
 NO_ORBIT, UNKNOWN, NOT_YET = -1, -2, -3
-MOST_RETURNS = 2**16  # for which such a state is followed
+MOST_RETURNS = 2**16  # most returns for which a state after contact is followed
 
 
 class ContactStates(NamedTuple):
-    """States (n_cells, room) that follow contact phases of known orbits, n (n_cells,) used, and these orbits."""
+    """States (n_cells, room) after contact phases of known orbits, of which n (n_cells,) are used, and their orbits."""
 
     n: Any
     tau: Any
@@ -51,7 +52,7 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the orbit to which a state leads that follows a contact phase; NO_ORBIT or UNKNOWN."""
+    """Return the orbit to which a state after a contact phase leads; NO_ORBIT or UNKNOWN if there is none."""
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]
@@ -60,7 +61,7 @@ def orbit_after_contact(tau, v, cell, states):
 
 @inline
 def after_contact(tau, v, k, samples, states):
-    """Return the outcome of sample k, whose last return followed a contact phase: (status, orbit)."""
+    """Return (status, orbit) of sample k, whose last return followed a contact phase."""
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
         return Outcome.UNRESOLVED, -1
@@ -70,13 +71,13 @@ def after_contact(tau, v, k, samples, states):
 
 @inline
 def ending_of(code):
-    """Return the outcome of a sample whose return does not come back."""
+    """Return the outcome of a sample whose motion does not return to Σ⁺."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow the samples `which` until they end; a sample that makes all its returns is UNRESOLVED."""
+    """Follow the samples `which` until they end. A sample that makes all its returns remains UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
@@ -99,10 +100,10 @@ def settle(which, cells, samples, balls, states):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, states, sums, footprints):
-    """Follow samples with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
+    """Follow samples with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
 
-    sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns,
-    footprints[j] the boxes that it visits. Contact makes the stretch −∞, which no chaos has.
+    sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
+    footprints[j] collects the boxes that it visits. Contact makes the stretch −∞, which excludes chaos.
     """
     for j in range(which.size):
         k = which[j]
@@ -123,7 +124,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
                 status = ending_of(code)
                 break
             n, total = n + 1, total + time
-            # in (t, v²/2), where the determinant is that of the impact law
+            # the tangent is kept in (t, v²/2), where the determinant is that of the impact law
             x, y = j00 * x + j01 / before * y, v * (j10 * x + j11 / before * y)
             size = math.hypot(x, y)
             if size > 0.0:
@@ -150,8 +151,8 @@ def follow_release(tau, v, cell, point, balls, states):
     Returns
     -------
     orbit : int
-        A known orbit to which it leads; NO_ORBIT if no state comes back in MOST_RETURNS returns; NOT_YET if one without
-        contact does so first; UNKNOWN if there is a new orbit.
+        A known orbit to which the state leads. NO_ORBIT if no state returns within MOST_RETURNS returns, NOT_YET if a
+        state without contact returns first, UNKNOWN if the orbit is new.
     gap, tau, v
         Returns in a period of the new orbit, and a state of it.
     """
@@ -181,7 +182,7 @@ def follow_release(tau, v, cell, point, balls, states):
 
 @inline
 def enter_state(tau, v, orbit, cell, states):
-    """Note to which orbit a state after contact leads, where there is room."""
+    """Record the orbit to which a state after contact leads, if the table has room."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
@@ -190,16 +191,16 @@ def enter_state(tau, v, orbit, cell, states):
 
 @kernel
 def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
-    """Find the orbits to which samples lead that have come to contact, and enter them with their states after contact.
+    """Find the orbits of samples in contact, and enter these orbits with their states after contact.
 
-    A sample's gap names the wall on which it is in contact, 0 if it has left it. Samples whose cell has no room for one
-    more orbit are written to waiting; of the others those that lead to an orbit become PERIODIC, those that contact
-    does not release QUIET, and the rest goes on.
+    The field `gap` of a sample names the wall on which it is in contact, 0 if it has left it. A sample whose cell has
+    no room for another orbit is written to `waiting`. Of the others, a sample with an orbit becomes PERIODIC, and one
+    that contact does not release becomes QUIET; the rest is followed further.
 
     Returns
     -------
     int
-        How many samples wait.
+        Number of waiting samples.
     """
     waits = 0
     for k in which:
@@ -227,7 +228,7 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
 
 @kernel
 def released(k, samples, point):
-    """Follow sample k from the contact phase that it has come to; False if it has an outcome, or made no contact."""
+    """Follow sample k out of its contact phase. Return False if it has an outcome or made no contact."""
     wall = samples.gap[k]
     code, tau, v, time, _below, on_plus, on_minus = next_on_plus(wall, samples.tau[k], -wall * samples.v[k], point)
     samples.gap[k] = 0
@@ -244,7 +245,7 @@ def released(k, samples, point):
 
 @kernel
 def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
-    """Enter the orbit through a state after contact, and its states after contact. Returns its number."""
+    """Add the orbit through a state after contact, with its states after contact, and return its number."""
     best_tau, best_v, total, n_minus = tau, v, 0.0, 0
     for _ in range(gap):
         _status, tau, v, time, below, _plus, _minus = step(tau, v, point)
@@ -265,7 +266,7 @@ def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def label_contacts(grown, cells, orbits):
-    """Enter the contact phases of the orbits of every cell from number grown[cell] on."""
+    """Count the contact phases of the orbits of every cell, beginning with orbit number grown[cell]."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

@@ -1,13 +1,13 @@
 """The codimension-two points of the period-one motions, followed as curves in (δ, ε, r).
 
-All lie on the graze of P(1,1,0) on Σ⁻ (`rattle.impacting.bifurcations.codimension_two`). With T = 1 + r²E − (1 + r)²
-π(1 − E) ε cos 2πτ/δ² the trace of the grazing motion, E = e^(−δ), the conditions beside the graze are
+All lie on the graze of P(1,1,0) on Σ⁻ (`rattle.impacting.bifurcations.codimension_two`). With E = e^(−δ) the trace of
+the grazing motion is T = 1 + r²E − (1 + r)² π(1 − E) ε cos 2πτ/δ². The second conditions are
 
     COD20: T = −1 − r²E     COD21: T = 2r e^(−δ/2)     COD22: cos 2πτ = 0, T = 1 + r²E     COD23: det J = 0.
 
-At the graze neither the arrival nor the departure of the second impact has a speed, so the determinant of the
-two-impact equations does not depend on the multiplier: saddle-node and flip of P(1,1,1) reach the graze where it
-vanishes, for any restitution.
+At the graze the second impact arrives and departs with speed 0, so the determinant of the two-impact equations does not
+depend on the multiplier. Saddle-node and flip of P(1,1,1) therefore reach the graze where this determinant vanishes, at
+every restitution.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from rattle.notebook import Columns, Tabular
 from rattle.numerics.complex_step import Array
 
 LEAST_RESTITUTION = 1e-3
-LONGEST = 0.02  # of a step, in the unknowns
-REACH = 8.0  # half-backlashes of damping
-TAU, MIDDLE, DELTA, EPSILON, R = range(5)  # unknowns: times of the impact and of the graze, then parameters
+LONGEST = 0.02  # longest continuation step, in the unknowns
+REACH = 8.0  # largest damping to search, in half-backlashes
+# indices of the unknowns: times of the impact and of the graze, then parameters
+TAU, MIDDLE, DELTA, EPSILON, R = range(5)
 Residual = Callable[[NDArray], NDArray]
 
 
@@ -72,10 +73,18 @@ def _residuals(beta: float) -> dict[str, Residual]:
 
 @dataclass(frozen=True, repr=False)
 class CodimensionTwoCurve(Tabular):
-    """A codimension-two point followed in the restitution at half-backlash beta, from r = 1 on.
+    """A codimension-two point followed in the restitution r at half-backlash beta, from r = 1 on.
 
-    delta, epsilon, restitution, tau (n,): the point, and the phase of the impact of the motion that grazes; speed (n,):
-    with which it leaves Σ⁺; residual (n,): the largest of those of the conditions. end: why it is not followed on.
+    Attributes
+    ----------
+    delta, epsilon, restitution : ndarray, (n,)
+        The point.
+    tau, speed : ndarray, (n,)
+        Phase of the impact of the grazing motion, and the speed with which it leaves Σ⁺.
+    residual : ndarray, (n,)
+        The largest residual of the conditions.
+    end : str
+        Why the curve ends.
     """
 
     name: str
@@ -102,7 +111,7 @@ class CodimensionTwoCurve(Tabular):
         }
 
     def at(self, restitution: float) -> tuple[float, float]:
-        """Return (δ, ε) at this restitution, solved for to rounding.
+        """Return (δ, ε) at this restitution, to rounding.
 
         Returns
         -------
@@ -112,26 +121,26 @@ class CodimensionTwoCurve(Tabular):
         Raises
         ------
         RattleError
-            The curve does not reach this restitution.
+            If the curve does not reach this restitution.
         """
         r = require_number("restitution", restitution, positive=True)
         apart = self.restitution - r
         passed = np.flatnonzero(apart[:-1] * apart[1:] <= 0.0)
         if not passed.size:
             raise RattleError(
-                f"{self.name} is not followed to r = {r:g}: it has r from {self.restitution.min():.6g} on"
+                f"{self.name} was followed from r = 1 to {self.restitution.min():.6g} only, not to r = {r:g}"
             )
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
         found = with_value(_problem(self.name, self.beta), guess, R, r)
         if found is None:
-            raise RattleError(f"{self.name} cannot be solved for at r = {r:g}")
+            raise RattleError(f"Newton's method finds no {self.name} at r = {r:g}")
         return float(found[DELTA]), float(found[EPSILON])
 
 
 def _problem(name: str, beta: float) -> ContinuationProblem:
-    """Return the equations (…, 5) → (…, 4): both impacts, the graze, and the condition of the point."""
+    """Return the equations (…, 5) → (…, 4): both impacts, the graze, and the second condition."""
     condition = _residuals(beta)[name]
 
     def equations(x: NDArray) -> NDArray:
@@ -150,36 +159,36 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     name : str
         COD20, COD21, COD22 or COD23.
     beta : float
-        Half-backlash > 0, over 1 + load if there is a load: ε is to be multiplied by 1 + load then.
+        Half-backlash > 0. With a load, pass beta/(1 + load) and multiply ε by 1 + load afterwards.
     lowest : float
-        Restitution down to which it is followed.
+        Restitution down to which the point is followed.
 
     Returns
     -------
     CodimensionTwoCurve
-        Points to rounding, as long as the motion that grazes happens.
+        Points to rounding, as long as the grazing motion is admissible.
 
     Raises
     ------
     ParameterError
-        A number is outside its domain, or the name is none of these.
+        If a number is outside its domain, or the name is unknown.
     RattleError
-        The elastic gear has no such point at this half-backlash.
+        If the elastic gear has no such point at this half-backlash.
     """
     require_one_of("name", name, tuple(_residuals(1.0)))
     beta = require_number("beta", beta, positive=True)
     known = {point.name: point for point in codimension_two(beta)}
     if name not in known:
-        raise RattleError(f"there is no {name} for beta = {beta:g}")
+        raise RattleError(f"the elastic gear has no {name} at beta = {beta:g}")
     at = known[name]
     near = graze_starts(at.delta, beta, 1.0)
     if not near:
-        raise RattleError(f"{name} has no graze to start from for beta = {beta:g}")
+        raise RattleError(f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed")
     problem = _problem(name, beta)
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
     start = with_value(problem, np.append(closest, 1.0), R, 1.0)
     if start is None:
-        raise RattleError(f"{name} cannot be solved for at r = 1 for beta = {beta:g}")
+        raise RattleError(f"Newton's method finds no {name} at r = 1 and beta = {beta:g}")
 
     def why(x: Array) -> str | None:
         if not lowest <= x[R] <= 1.0:
@@ -215,9 +224,9 @@ def _followed(name: str, beta: float) -> CodimensionTwoCurve:
 
 
 def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
-    """Return the codimension-two points of the plane at one restitution and load, without orders of contact.
+    """Return the codimension-two points of the plane at one restitution and load. Their `tangency` is empty.
 
-    Those that cannot be followed to there are left out.
+    Points that cannot be followed to this restitution are left out.
 
     Returns
     -------

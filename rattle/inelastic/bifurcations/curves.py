@@ -30,8 +30,8 @@ from rattle.inelastic.map.quiet import least_force
 from rattle.inelastic.orbits.equations import under_load, without_load
 from rattle.numerics.complex_step import Array
 
-SAME = 1e-9  # of ε
-SAME_POINT = 1e-6  # of the plane
+SAME = 1e-9  # largest relative difference in ε of equal points
+SAME_POINT = 1e-6  # largest relative difference of equal points of the plane
 
 
 def trace(
@@ -90,7 +90,7 @@ def _dampings(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched: over the window, and at its edges."""
     low, high = window.delta
     spread = spread_between(low, high)
-    if low < REACH * beta < high - low:  # a wide window, in which this spacing would miss the curves
+    if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
         spread = np.concatenate([spread_between(low, REACH * beta), spread])
     return np.array([*spread, low, high])
 
@@ -124,7 +124,7 @@ def _traced(name: str, beta: float, restitution: float, load: float, window: Pla
 
 
 def _quiet_limit(beta: float, load: float, shape: NDArray[np.float64], window: PlaneWindow, dampings: Array) -> Curve:
-    """Return the curve on which the contact force on Σ⁺ just reaches 0; x = (phase, δ, ε)."""
+    """Return the curve on which the minimum of the contact force on Σ⁺ is 0, in the unknowns (phase, δ, ε)."""
     order, turn = TWO_PI * shape[ORDER], TWO_PI * shape[PHASE]
     drift = DRIFT * (1.0 + load)
 

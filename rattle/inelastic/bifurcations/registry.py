@@ -13,14 +13,14 @@ from rattle.inelastic.bifurcations import starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.numerics.complex_step import Array
 
-Starts = Callable[[float, float, float], Sequence[Array]]  # of (δ, β, r)
+Starts = Callable[[float, float, float], Sequence[Array]]  # starting points at (δ, β, r)
 
 
 @dataclass(frozen=True)
 class InelasticDefinition:
     """A curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
 
-    starts: guesses of the unknowns (n + 2,) at (δ, β, r).
+    `starts` returns guesses of the unknowns (n + 2,) at (δ, β, r).
     """
 
     name: str
@@ -39,15 +39,15 @@ class InelasticDefinition:
 
     @property
     def impact(self) -> int | None:
-        """The impact that grazes, if one does."""
+        """The grazing impact, or None."""
         return ELASTIC_CURVES[self.name].impact
 
     def belongs(self, x: Array) -> str | None:
-        """Return None for a solution that is on this curve, else why it is not."""
+        """Return None for a solution on this curve, else the reason why it is not."""
         return ELASTIC_CURVES[self.name].belongs(x)
 
     def itinerary(self, beta: float, restitution: float) -> InelasticItinerary:
-        """Return the walls at this half-backlash and restitution."""
+        """Return the walls of the motion, at this half-backlash and restitution."""
         return InelasticItinerary(self.walls, 1, beta, restitution)
 
 
@@ -70,7 +70,7 @@ _DEFINITIONS = (
     ),
     InelasticDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
 )
-#: In the order of the legend.
+#: The curves in the order of the legend.
 INELASTIC_CURVES = {each.name: each for each in _DEFINITIONS}
 QUIET_MEANING = "limit of permanent contact with Σ⁺: above it the contact force changes sign, at any restitution"
 NAMES = (*INELASTIC_CURVES, QUIET_LIMIT)

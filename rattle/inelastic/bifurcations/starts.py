@@ -1,6 +1,6 @@
-"""Start curves of the inelastic gear: their solutions at one damping, from the closed forms of the period-one motions.
+"""Starting points of curves: solutions of the inelastic gear at one damping, from closed forms of period-one motions.
 
-As `rattle.impacting.bifurcations.starts`, with a restitution; there is no load (`rattle.inelastic.orbits.equations`).
+This is `rattle.impacting.bifurcations.starts` with a restitution and no load (`rattle.inelastic.orbits.equations`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.inelastic.orbits.family import family_closure, family_nodes
 from rattle.numerics.complex_step import Array
 
-ONE, TWO = (1,), (1, -1)  # walls
+ONE, TWO = (1,), (1, -1)  # walls of P(1,1,0) and of P(1,1,1)
 
 
 def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
@@ -35,7 +35,7 @@ def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> Star
 
 @lru_cache(maxsize=256)
 def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
-    """Return the family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
+    """Return the family of B and D beyond its pole at σ = 0, at the nodes of `family_nodes`."""
     sigma, epsilon = family_nodes(delta, beta, r)
     return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
@@ -46,24 +46,24 @@ def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r:
 
 
 def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
-    """Saddle-nodes of B and D."""
+    """Return the saddle-nodes of B and D."""
     return _zeros(lambda at: at.saddle_node, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
 def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Members of the family whose speed at Σ⁻ is 0."""
+    """Return the members of the family whose speed at Σ⁻ is 0."""
     return tuple(_zeros(lambda at: at.u, delta, beta, r))
 
 
 @lru_cache(maxsize=256)
 def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Flips of B and D."""
+    """Return the flips of B and D."""
     return tuple(_zeros(lambda at: at.flip, delta, beta, r))
 
 
 def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flip next to SN2 on D, if D is stable before it."""
+    """Return the flip next to SN2 on D, if D is stable between SN2 and this flip."""
     found = flip_starts(delta, beta, r)
     if not found:
         return ()
@@ -73,12 +73,12 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flips at which D becomes stable again, and beyond the fold where it ceases to be."""
+    """Return the flips at which D becomes stable again, and the one beyond the fold where it loses stability."""
     return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
 def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
-    """SN1 (τ = 3/4), or PDC (the flip of C)."""
+    """Return the unknowns of SN1 (τ = 3/4) or of PDC, the flip of C."""
     offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:

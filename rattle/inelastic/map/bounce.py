@@ -1,11 +1,12 @@
-"""An inelastic motion from impact to impact, for what its impacts sum up to (compiled).
+"""Follow an inelastic motion from impact to impact, for sums over its impacts (compiled).
 
-A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` is met
-a million times over (`REST`). The rest takes less than 2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and
-has less than REST² of the energy that a captured impact may have. The last impact that is followed has the whole
-contact phase with this rest for its duration and is left with speed 0, at the release; its impulse is that of all that
-happens until then, exactly: Φ' goes from the velocity of arrival to 0 while Φ returns to the wall, so that the wall
-gives the speed of arrival and the integral of the contact force.
+A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` holds
+with a millionfold margin (`REST`). The remainder lasts less than 2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing
+periods, and has less than REST² of the energy that a captured impact may have.
+
+The last followed impact represents the remainder and the contact phase: it lasts until the release and is left with
+speed 0. Its impulse is exactly that of everything until the release: Φ' goes from the arrival velocity to 0 while Φ
+returns to the wall, so the wall supplies the arrival speed and the integral of the contact force.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from rattle.intensity.forces import force_lines
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, inline, kernel
 
-REST = 1e-6  # of the largest speed that is captured, at which the rest of a chatter is summed
+REST = 1e-6  # speed at which the remainder of a chatter is summed, relative to the largest captured speed
 
 
 @inline
 def primitive(tau, delta, harmonics):
-    """Return e' + δe at this phase, whose derivative is the part of the contact force that changes."""
+    """Return e' + δe at this phase, whose time derivative is the varying part of the contact force."""
     found = 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -43,7 +44,7 @@ def primitive(tau, delta, harmonics):
 
 @inline
 def release_at(tau, zeros):
-    """Return the number of the release at this phase, which rounding may have moved."""
+    """Return the number of the release at this phase, which may be off by rounding."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))
@@ -54,7 +55,7 @@ def release_at(tau, zeros):
 
 @kernel
 def bounced_with_loss(wall, tau, w, point):
-    """See `rattle.intensity.visit.bounce`; a velocity of 0 is a release."""
+    """Return the next flight and impact as `rattle.intensity.visit.bounce` does; a velocity of 0 is a release."""
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
     departure = np.empty((2, harmonics.shape[1]))
     if w == 0.0:

@@ -1,6 +1,6 @@
-"""Cells of the inelastic gear as kernels take them, and the point of each (compiled).
+"""Cells of the inelastic gear for kernels, and the parameter point of each (compiled).
 
-What a cell needs of its forcing is found once: the zeros of its contact force, bounds, and what is captured.
+The zeros of the contact force, its bounds, and the limits of capture are computed once for each cell.
 """
 
 from typing import Any, NamedTuple
@@ -17,10 +17,10 @@ from rattle.orbits.return_map import between, point_of
 
 
 class InelasticCells(NamedTuple):
-    """Parameters of the cells (n,), the shape (3, K) of the forcing that all have, and what follows for each cell.
+    """Parameters of cells (n,), the common shape (3, K) of their forcing, and what follows from both for each cell.
 
-    zeros (n, room): those of its contact force, zero_count (n,) of them. positive (n,): 1 where this force is positive
-    at phase 0. The others (n,) as in `InelasticPoint`.
+    zeros (n, room) are the zeros of the contact force, of which zero_count (n,) are used. positive (n,) is 1 where this
+    force is positive at phase 0. The other fields (n,) are those of `InelasticPoint`.
     """
 
     delta: Any
@@ -39,7 +39,7 @@ class InelasticCells(NamedTuple):
 
 @kernel
 def scaled(shape, epsilon):
-    """Harmonics (3, K) of a forcing of this amplitude."""
+    """Return the harmonics (3, K) of a forcing with amplitude epsilon."""
     harmonics = shape.copy()
     harmonics[AMPLITUDE] *= epsilon
     return harmonics
@@ -47,7 +47,7 @@ def scaled(shape, epsilon):
 
 @kernel
 def fill_cells(cells):
-    """Find what follows from the parameters of cells."""
+    """Compute the fields that follow from the parameters of cells."""
     for i in range(cells.delta.size):
         delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
         harmonics = scaled(cells.shape, cells.epsilon[i])
@@ -112,7 +112,7 @@ def inelastic_cells(
     load: NDArray[np.float64],
     harmonics: Any = (),
 ) -> InelasticCells:
-    """Return cells with these parameters (n,) and harmonics beside the first, as kernels take them."""
+    """Return the record of cells with these parameters (n,) and these harmonics besides the first, for kernels."""
     return cells_with(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
 
 
@@ -124,7 +124,7 @@ def cells_with(
     load: NDArray[np.float64],
     shape: NDArray[np.float64],
 ) -> InelasticCells:
-    """Return cells with these parameters (n,) and this shape (3, K) of the forcing."""
+    """Return the record of cells with these parameters (n,) and this shape (3, K) of the forcing."""
     n = delta.size
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, "restitution": restitution, "load": load}
     cells = InelasticCells(
@@ -141,6 +141,6 @@ def cells_with(
 def point_with(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
-    """Return one parameter point, as kernels take it."""
+    """Return one parameter point for kernels."""
     d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
     return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))

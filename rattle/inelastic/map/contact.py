@@ -1,17 +1,17 @@
 """Chatter that completes, and the contact phase that follows (compiled).
 
-Impacts with restitution r < 1 die out in finite time where the contact force h = ±g presses on the wall. From an impact
-at time t that is left with speed v, let h be positive on [t, t + T], h_min its minimum there and V the variation of
-ln h. Over a bounce ∫ h = v + v₁, v₁ the speed of arrival, and the work of h gives v₁ ≤ v √(h_max/h_min) with the
-extremes of h over that bounce; drag makes it less. So the impacts are left with speeds of at most r^k v e^(V/2), and
-all flights together last at most
+Impacts with restitution r < 1 die out in finite time where the contact force h = ±g presses on the wall. Let an impact
+at time t be left with speed v, and let h be positive on [t, t + T], with minimum h_min and variation V of ln h there.
+Over a bounce with arrival speed v₁ the impulse is ∫ h = v + v₁. The work of h gives v₁ ≤ v √(h_max/h_min), with the
+extremes of h over that bounce, and drag reduces v₁ further. The k-th impact is therefore left with a speed of at most
+r^k v e^(V/2), and all flights together last at most
 
     2 v e^(V/2) / ((1 − r) h_min).
 
-If that is no more than T, the chatter is complete before T is over. With |h'| ≤ L and T = x h/L, h_min ≥ (1 − x) h and
+If this bound is at most T, the chatter is complete within T. With |h'| ≤ L and T = x h/L, h_min ≥ (1 − x) h and
 V ≤ −ln(1 − x); x = 2/5 allows the largest v, LEAST_SHARE (1 − r) h²/L. No bounce is higher than v²/(2 (1 − x)² h).
-Then the teeth stay together until the force turns away, at a zero of g that is known beforehand: `is_chatter_captured`
-decides this without following the impacts, and where the chatter ends does not matter to what comes after.
+The teeth then stay together until the force turns away, at a known zero of g. `is_chatter_captured` decides this
+without following the impacts. The place where the chatter ends does not influence the motion after the release.
 
 Elastic impacts never end. With r = 1 quiet motion is certain by the adiabatic law of `rattle.impacting.map.quiet`, in
 which the fastest harmonic takes the place of the first one (`quiet_invariant`).
@@ -26,18 +26,18 @@ from rattle.inelastic.map.harmonics import ORDER, bounds_of, force_at
 from rattle.numerics.compile import inline, kernel
 
 LEAST_SHARE = 0.5 * SHARE * (1.0 - SHARE) ** 1.5
-PHASES = 64  # of the fastest harmonic, at which the smallest contact force is looked for
+PHASES = 64  # phases per period of the fastest harmonic at which the least contact force is searched
 
 
 @inline
 def capture_of(delta, restitution, harmonics):
-    """v/h² up to which a chatter is certain to complete."""
+    """Return the largest v/h² at which a chatter is certain to complete."""
     return LEAST_SHARE * (1.0 - restitution) / bounds_of(delta, harmonics).force_rate
 
 
 @inline
 def is_chatter_captured(wall, v, force, point):
-    """Return whether an impact, left with speed v under the contact force g, is certain to lead to contact."""
+    """Return whether an impact that is left with speed v under the contact force g is certain to lead to contact."""
     pressing = wall * force
     if not pressing > 0.0:
         return False

@@ -19,13 +19,13 @@ from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.numerics.compile import inline, kernel
 
 LONGEST_PIECE = 0.5  # forcing periods; a longer piece is cut
-FIRST_PIECE = 0.25  # where the force draws the motion off its wall
-BEYOND = 1.2  # a bounce ends near 2|w|/|F''|: the first piece is this much longer, so that it holds the end
-COSINE, SINE = range(2)  # rows of the departure's array (2, K): a cos and a sin of each harmonic at t₀
+FIRST_PIECE = 0.25  # first piece, in forcing periods, where the force pulls the motion off its wall
+BEYOND = 1.2  # the first piece of a bounce is this factor longer than its estimated end, 2|w|/|F''|
+COSINE, SINE = range(2)  # rows of the departure's array (2, K): amplitude times cosine and sine of each harmonic at t₀
 
 
 class InelasticFlight(NamedTuple):
-    """Parts of F of one flight, beside the departure's array."""
+    """Terms of F of one flight, besides the departure's array."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w
@@ -49,7 +49,7 @@ def leaving_forced(tau, w, delta, drift, harmonics, departure):
 
 @inline
 def evaluate_forced(s, flight, harmonics, departure):
-    """Return F, F' and F'' after s, and 1 − e^(−δs)."""
+    """Return the displacement F, F', F'' and 1 − e^(−δs) at the flight time s."""
     w, a, _bend, _force, delta = flight
     x = delta * s
     if x <= LONGEST_DECAY:
@@ -72,9 +72,10 @@ def evaluate_forced(s, flight, harmonics, departure):
 
 @kernel
 def forced_root(low, high, guess, level, rising, third, flight, harmonics, departure):
-    """Return the crossing F = level in (low, high), where there is one only: Halley steps in a shrinking bracket.
+    """Return the only crossing F = level in (low, high), by Halley steps inside a shrinking bracket.
 
-    A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|; the last leaves rounding.
+    A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|. The last error is below
+    rounding.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def forced_root(low, high, guess, level, rising, third, flight, harmonics, depar
 
 @kernel
 def forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
-    """Return the zero of F' in (low, high), where e^(δs) F' is monotone, so close that F there is exact to rounding."""
+    """Return the zero of F' in (low, high), where e^(δs) F' is monotone, so accurate that F is exact to rounding."""
     s = guess
     if not (low < s < high):
         s = 0.5 * (low + high)
@@ -137,12 +138,13 @@ def forced_extremum(low, high, guess, convex, third, flight, harmonics, departur
 def lowest_bound(length, g0, slope0, g1, slope1, delta):
     """Return a lower bound of G on a piece on which e^(δs) G' rises from below 0 to above 0.
 
-    G lies above both of its tangents but for the damping, for which the second tangent is taken steeper.
+    Without damping G lies above both of its end tangents. With damping this holds if the second tangent is made
+    steeper.
 
     Returns
     -------
     float
-        The height at which both lines meet; −∞ where a piece is too long for the bound.
+        The height at which both lines meet; −∞ where the piece is too long for the bound.
     """
     x = delta * length
     if not x < 0.5:
@@ -153,9 +155,9 @@ def lowest_bound(length, g0, slope0, g1, slope1, delta):
 
 @kernel
 def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
-    """Return the first crossing of F = lower downwards or F = upper upwards on a piece from s0 to s1.
+    """Return the first crossing of F = lower downwards or of F = upper upwards on a piece from s0 to s1.
 
-    G = sign F, with the sign of g on the piece, falls, has its minimum, and rises, or does a part of that.
+    Let G = sign · F, with the sign of g on the piece. G first falls, then rises, or does only one of both.
 
     Returns
     -------
@@ -187,7 +189,7 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
 
 @kernel
 def first_forced_impact(wall, tau, flight, piece, point, departure):
-    """Return the first impact of a flight from a wall, at a phase in the piece of this number.
+    """Return the first impact of a flight from a wall; `piece` is the number of its departure's piece.
 
     Returns
     -------
@@ -207,7 +209,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    if outwards > 0.0 and wall * flight.w < 0.0:  # not a release, where the force is 0 to rounding
+    if outwards > 0.0 and wall * flight.w < 0.0:  # not at a release, where the force is 0 but for rounding
         guess = -2.0 * wall * flight.w / outwards
         length = min(BEYOND * guess, LONGEST_PIECE)
     while s < LONGEST:

@@ -1,10 +1,10 @@
-"""The forcing as a sum of harmonics, the contact force that it makes, and the zeros of this force (compiled).
+"""The forcing as a sum of harmonics, the contact force that it produces, and the zeros of this force (compiled).
 
     e(t) = Σ a cos 2π(k t + φ),    g(t) = δq + e''(t) + δe'(t)
 
-k is the order of a harmonic, a its amplitude, φ its phase in turns. The zeros of g cut a flight into pieces with one
-extremum at most, and contact ends at a zero; so they are found once for each parameter point, with a proof that none
-is missed: `isolated_zeros`.
+Here k is the order of a harmonic, a its amplitude, and φ its phase in turns. The zeros of g cut a flight into pieces
+with at most one extremum, and contact ends at a zero. They are computed once for each parameter point, with a proof
+that none is missed (`isolated_zeros`).
 """
 
 import math
@@ -17,12 +17,12 @@ from rattle.flight.forcing import TWO_PI, phase_at
 from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
-CLOSEST = 1e-9  # zeros of g closer than this may be treated as one, or as none where g keeps its sign around them
-DEEPEST = 64  # intervals that wait to be looked at: each halving adds one, and 2^−31 is below CLOSEST
+CLOSEST = 1e-9  # zeros of g closer than this may count as one, or as none where g keeps its sign around them
+DEEPEST = 64  # most waiting intervals: each halving adds one, and 2^−31 is already below CLOSEST
 
 
 class Bounds(NamedTuple):
-    """Bounds over a period: |g'|, |g''| and |e'''|."""
+    """Bounds of |g'|, |g''| and |e'''| over a period."""
 
     force_rate: float
     force_bend: float
@@ -44,7 +44,7 @@ def force_at(tau, delta, drift, harmonics):
 
 @inline
 def bounds_of(delta, harmonics):
-    """Return the `Bounds`, each the sum of those of the harmonics."""
+    """Return the `Bounds`, each as the sum over the harmonics."""
     rate, bend, third = 0.0, 0.0, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -76,11 +76,12 @@ def force_zero_between(low, high, falling, delta, drift, harmonics):
 
 @kernel
 def isolated_zeros(delta, drift, harmonics, zeros):
-    """Write the zeros of g in [0, 1), rising, to zeros.
+    """Write the zeros of g in [0, 1), rising, to `zeros`.
 
-    An interval of half-width h around c is halved until it has no zero, |g(c)| > h |g'(c)| + h² max|g''|/2, or g is
-    monotone on it, |g'(c)| > h max|g''|, and has as many zeros as its ends say: none or one. One that is narrower than
-    `CLOSEST` counts likewise. So two zeros can be missed that are closer than that, between which |g| < 1e-18 max|g''|.
+    An interval with centre c and half-width h is halved until one of two conditions holds: g has no zero on it, because
+    |g(c)| > h |g'(c)| + h² max|g''|/2; or g is monotone on it, because |g'(c)| > h max|g''|, so that the signs at its
+    ends decide between no zero and one. An interval narrower than `CLOSEST` is decided by the signs at its ends too. So
+    two zeros can be missed only if they are closer than that, and between them |g| < 1e-18 max|g''|.
 
     Returns
     -------
@@ -118,17 +119,17 @@ def isolated_zeros(delta, drift, harmonics, zeros):
 
 
 def most_zeros(harmonics: NDArray[np.float64]) -> int:
-    """Return the number of zeros that g has at most: two for each order up to the highest."""
+    """Return the largest possible number of zeros of g: twice the highest order."""
     return 2 * int(harmonics[ORDER].max())
 
 
 def forcing_shape(harmonics: Any) -> NDArray[np.float64]:
-    """Return the array (3, K) of a forcing with ε = 1: the first harmonic, cos 2πt, and what is given beside it.
+    """Return the array (3, K) of a forcing with ε = 1: the first harmonic, cos 2πt, and the given ones.
 
     Parameters
     ----------
     harmonics : sequence of (int, float, float)
-        Order, amplitude over that of the first harmonic, and phase in turns. One of order 1 stands for the first.
+        Order, amplitude relative to the first harmonic, and phase in turns. A harmonic of order 1 replaces the first.
 
     Returns
     -------

@@ -1,9 +1,9 @@
 """The impact map Π on Σ⁺ of the inelastic gear, with its tangent map (compiled).
 
 A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_chatter_captured`), the
-chatter that follows, the contact phase and its release belong to the step, and count as this one impact: the motion
-then leaves at the release with speed 0. Π is constant where states are captured before the same release, and its
-tangent map 0. On Σ⁻ a run of impacts that ends in contact counts as one.
+following chatter, the contact phase and its release belong to the same step and count as this one impact. The motion
+then leaves at the release with speed 0. Π is constant over states that are captured before the same release, so its
+tangent map is 0 there. On Σ⁻ a run of impacts that ends in contact counts as one.
 """
 
 import math
@@ -21,11 +21,20 @@ from rattle.orbits import return_map
 
 
 class InelasticPoint(NamedTuple):
-    """A parameter point, with what follows from its forcing.
+    """A parameter point, with quantities that follow from its forcing.
 
-    harmonics (3, K): with amplitudes of this ε. zeros (n,): those of the contact force. positive: whether this force is
-    positive at phase 0. third: a bound of |e‴|. capture, quiet_invariant: v/h² and v³/g up to which an impact is
-    captured.
+    Attributes
+    ----------
+    harmonics : (3, K)
+        The harmonics with the amplitudes of this ε.
+    zeros : (n,)
+        Zeros of the contact force.
+    positive
+        Whether the contact force is positive at phase 0.
+    third
+        Bound of |e‴|.
+    capture, quiet_invariant
+        Largest v/h² and largest v³/g of a captured impact.
     """
 
     delta: float
@@ -58,7 +67,7 @@ def piece_of(tau, zeros):
 def leave(wall, tau, w, piece, point, departure):
     """Return the flight that follows an impact, after the contact phase if there is one.
 
-    Speed 0 in a piece that begins at a zero is a release.
+    Speed 0 in a piece that begins at a zero of the force is a release.
 
     Returns
     -------
@@ -115,7 +124,7 @@ def step_tangent(tau, v, point):
         if status != OK:
             return status, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
         k00, k01, k10, k11 = forced_tangent(w1, bend1, lost, point.restitution, flight)
-        if log_det > -math.inf:  # else the tangent stays 0, at a graze too
+        if log_det > -math.inf:  # after contact the tangent stays 0, at a graze too
             j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
             j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
             log_det += loss - point.delta * s
@@ -124,7 +133,7 @@ def step_tangent(tau, v, point):
         piece = piece_of(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
-            # dv = −dw at both ends
+            # v = −w at both ends, so dv = −dw
             return OK, tau, abs(w), time, n_minus, j00, -j01, -j10, j11, log_det, on_plus, on_minus
         n_minus += 1
         run += 1
@@ -141,7 +150,7 @@ def step(tau, v, point):
 
 @kernel
 def next_on_plus(wall, tau, w, point):
-    """Follow a motion that leaves an impact on a wall with velocity w up to the next impact on Σ⁺; as `step`."""
+    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺; the result is that of `step`."""
     departure = np.empty((2, point.harmonics.shape[1]))
     time, n_minus, run, bounces = 0.0, 0, 0, 0
     on_plus, on_minus = 0, 0

@@ -1,4 +1,4 @@
-"""The impact map of the inelastic gear on whole arrays: every element its own trajectory and its own parameters."""
+"""The impact map of the inelastic gear on whole arrays; each element has its own trajectory and parameters."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from rattle.parameters import Parameters
 
 @kernel
 def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
-    """Π^n of flat arrays in place; quiet: 1 where contact never ends after n_plus < n returns, which keeps its state.
+    """Replace flat arrays of states by Π^n of them; quiet is 1 where contact never ends after n_plus < n returns.
 
-    n_plus and n_minus count impacts on each wall, a chatter that completes as in `impact_map`; contacts its phases.
+    A state whose contact never ends is kept. n_plus and n_minus count impacts on each wall, with a completed chatter as
+    in `impact_map`. `contacts` counts contact phases.
     """
     for i in range(tau.size):
         point = point_at(cell[i], cells)
@@ -41,7 +42,7 @@ def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, ti
 
 @kernel
 def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
-    """Follow states with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+    """Follow states with a tangent vector in (t, v²/2); growth (3, k) collects time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = point_at(cell[i], cells)
         x, y = 1.0, 0.0
@@ -64,14 +65,14 @@ def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
 
 
 def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tuple[list[Any], Any, tuple[int, ...]]:
-    """Flat copies of (τ, v, n, number of the cell), the cells, and the broadcast shape. Raises ParameterError."""
+    """Return flat copies of τ, v, n and cell numbers, the cells, and the broadcast shape. Raises ParameterError."""
     number = np.arange(at.size).reshape(at.shape)
     try:
         phases, speeds, steps, cell = np.broadcast_arrays(
             np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n), number
         )
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"tau, v, n and the parameters must broadcast: {error}") from None
+        raise ParameterError(f"the shapes of tau, v, n and the parameters do not broadcast: {error}") from None
     require_states(phases, speeds, steps)
     flat = at.flat()
     added = flat.added["restitution"], flat.added["load"]
@@ -104,10 +105,10 @@ def iterate(
     tau, v : array_like
         Phase and speed (> 0) after an impact on Σ⁺.
     n : array_like of int
-        Impacts on Σ⁺. One after which a chatter is certain to complete counts with all that follow it up to the
-        release, so that a motion that becomes quiet keeps its last state and has n_plus < n.
+        Number of impacts on Σ⁺. An impact with a chatter that is certain to complete counts as one with all impacts up
+        to the release. A motion that becomes quiet keeps its last state and has n_plus < n.
     harmonics : sequence of (int, float, float)
-        The harmonics beside the first.
+        The harmonics besides the first.
 
     Returns
     -------
@@ -117,7 +118,7 @@ def iterate(
     Raises
     ------
     ParameterError
-        A number is outside its domain.
+        If a number is outside its domain.
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
@@ -139,10 +140,10 @@ def iterate_tangent(
     load: ArrayLike = 0.0,
     harmonics: Harmonics = (),
 ) -> Stretched:
-    """Return what `iterate` does, with both Lyapunov exponents over the n impacts: see `rattle.iterate_tangent`.
+    """Return the results of `iterate`, and both Lyapunov exponents over the n impacts: see `rattle.iterate_tangent`.
 
-    λ₁ + λ₂ is −δ + 2 ln r times the impacts per forcing period. Both are −∞ (the second NaN, as their difference) after
-    a contact phase. Raises ParameterError.
+    λ₁ + λ₂ is −δ plus 2 ln r times the impacts per forcing period. After a contact phase λ₁ is −∞, and λ₂, computed as
+    a difference, NaN. Raises ParameterError.
 
     Returns
     -------

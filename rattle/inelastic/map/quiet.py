@@ -9,7 +9,7 @@ import numpy as np
 from rattle.flight.forcing import TWO_PI
 from rattle.inelastic.map.harmonics import ORDER, PHASE, bounds_of, forcing_shape
 
-PHASES = 64  # of the fastest harmonic, at which the force is looked at first
+PHASES = 64  # grid points per period of the fastest harmonic at which the force is first evaluated
 
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
@@ -18,10 +18,11 @@ def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
 
 
 def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
-    """Return where g = δq + ε G(t) reaches 0 first as ε grows, G the force of the shape (3, K), and ε = δq/max(−G).
+    """Return the phase at which the contact force g = δq + ε G(t) first reaches 0 as ε grows, and ε = δq/max(−G).
 
-    The largest −G of a grid is improved by Newton's method on G' inside its interval; between the phases of the grid
-    other maxima can be higher by bend h²/2 at most, with h half the distance, and those are improved likewise.
+    G is the force of the shape (3, K). The largest −G of a grid is improved by Newton's method on G' inside its
+    interval. Another maximum may exceed its grid value by at most bend h²/2, with h half the grid spacing. Maxima that
+    could be the largest are improved too.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""How a label counts the impacts of a motion with contact phases (compiled)."""
+"""Count the impacts of a motion with contact phases as its label does (compiled)."""
 
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
@@ -10,7 +10,7 @@ from rattle.numerics.compile import kernel
 def merged_runs(tau, v, n, point):
     """Count the contact phases of a periodic motion of n returns, and the impacts on Σ⁺ that its label leaves out.
 
-    A run of impacts on Σ⁺, between Σ⁻ or a release and the contact in which it ends, counts as one.
+    A run of impacts on Σ⁺, from an impact on Σ⁻ or a release to the contact in which it ends, counts as one.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def merged_runs(tau, v, n, point):
             run = 0
         if counted == n:
             return contacts, merged
-    # no contact on Σ⁺: count those on Σ⁻ over one period
+    # without contact on Σ⁺, count the contact phases on Σ⁻ over one period
     contacts = 0
     for _ in range(n):
         status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)
@@ -47,12 +47,12 @@ def merged_runs(tau, v, n, point):
 def returns_by_contact(tau, v, most, near, point):
     """Return the number of returns after which a motion with a contact phase is back at (τ, v).
 
-    Such a motion repeats to the bit, but its label does not say how many returns it makes.
+    Such a motion repeats to the last bit, but its label does not contain its number of returns.
 
     Returns
     -------
     int
-        Returns; 0 if the motion does not come back within most of them, or has no contact phase.
+        Returns; 0 if the motion does not come back within `most` returns, or has no contact phase.
     """
     t, w, contacts = tau, v, 0
     for k in range(1, most + 1):

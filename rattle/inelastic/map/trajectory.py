@@ -1,4 +1,4 @@
-"""The motion Φ(t) of the inelastic gear, sampled in closed form on the way from impact to impact."""
+"""The motion Φ(t) of the inelastic gear, sampled in closed form on each flight from impact to impact."""
 
 import math
 
@@ -11,12 +11,12 @@ from rattle.inelastic.map.impact_map import InelasticPoint, leave, piece_of
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-SHORT = 1e-5  # forcing periods: the rest of a chatter that is not followed, relative to 1
+SHORT = 1e-5  # duration, in forcing periods, of the remainder of a chatter that is summed instead of followed
 
 
 @kernel
 def chatter_time(wall, v, force, point):
-    """Return how long the rest of a chatter takes, 2v/((1 − r)|g|), to a relative error of the order of itself."""
+    """Return the duration of the rest of a chatter, 2v/((1 − r)|g|), with a relative error of the order of itself."""
     if point.restitution == 1.0:
         return math.inf
     return 2.0 * v / ((1.0 - point.restitution) * wall * force)
@@ -24,17 +24,17 @@ def chatter_time(wall, v, force, point):
 
 @kernel
 def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
-    """Write Φ and Φ' at rising times, and the impacts until the last of them.
+    """Write Φ and Φ' at rising times, and the impacts until the last of these times.
 
-    A chatter is followed until its rest takes less than SHORT, and that is summed; the entry to contact is then exact
-    to some SHORT². Impacts beyond the room for them are counted, not written.
+    A chatter is followed until its remainder lasts less than SHORT, which is summed. The entry to contact is then exact
+    to some SHORT². Impacts beyond the length of the arrays are counted but not written.
 
     Returns
     -------
     status : int
         OK, or why the motion cannot be followed.
     impacts : int
-        Their number.
+        Number of impacts.
     rest : float
         The time from which contact never ends, infinite if there is none.
     """
@@ -77,5 +77,5 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
 
 
 def trajectory(point: InelasticPoint, tau: float, v: float, periods: float, points: int) -> Trajectory:
-    """See `rattle.inelastic.InelasticGear.trajectory`."""
+    """Return the result of `rattle.inelastic.InelasticGear.trajectory`."""
     return sampled_motion(sampled, tau, v, (point,), periods, points)

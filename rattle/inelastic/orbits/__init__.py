@@ -1,1 +1,1 @@
-"""Periodic motions of the inelastic gear: A and C in closed form, any other from its return map."""
+"""Periodic motions of the inelastic gear: A and C in closed form, others from the return map."""

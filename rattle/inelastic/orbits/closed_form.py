@@ -1,12 +1,12 @@
 """Period-one motions with restitution r and drift q in closed form, and the limits of A and C.
 
-P(1,1,0), any forcing: the impulse of its impact balances the drift, so it arrives with speed δq/(1 + r) and leaves with
-v = r times that. With E = e^(−δ) it closes where
+P(1,1,0), for any forcing: the impulse of its impact balances the drift, so it arrives with speed δq/(1 + r) and leaves
+with the speed v = r δq/(1 + r). With E = e^(−δ) it closes where
 
     e'(τ) = qδ/(1 − E) − q − v,    det = r²E,    trace = 1 + r²E + (1 + r)² (1 − E) e''(τ)/(δ²q).
 
-One cosine has two such phases from SN1 on, A where e'' > 0 and C where e'' < 0: `rattle.inelastic.orbits.period_one`
-has them, and B and D, for many points.
+One cosine has two such phases from SN1 on: A with e'' > 0 and C with e'' < 0. `rattle.inelastic.orbits.period_one` has
+A to D for many points.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from rattle.inelastic.orbits.family import excess_drift
 from rattle.orbits.period_one import multipliers_of
 
 Array = NDArray[np.float64]
-PHASES = 64  # of the fastest harmonic, at which e' is looked at
-SAME = 1e-7  # a step that closes to this is the motion; near a fold rounding is stretched
+PHASES = 64  # grid points per period of the fastest harmonic at which e' is evaluated
+SAME = 1e-7  # largest error of closure; near a fold rounding errors grow
 
 
 class Bounce(NamedTuple):
-    """A P(1,1,0) that happens: its state and multipliers."""
+    """An admissible P(1,1,0): its state and multipliers."""
 
     tau: float
     v: float
@@ -45,18 +45,18 @@ def departure_speed(delta: float, restitution: float, drift: float) -> float:
 
 
 def slope_at_departure(delta: float, restitution: float, drift: float) -> float:
-    """Return e' at the phase of P(1,1,0)."""
+    """Return e' at the departure of P(1,1,0)."""
     swing = drift * excess_drift(delta, -math.expm1(-delta))
     return float(swing - departure_speed(delta, restitution, drift))
 
 
 def saddle_node(delta: float, restitution: float, drift: float) -> float:
-    """Return the ε of SN1, at which A and C are born under one cosine."""
+    """Return the ε of SN1, at which A and C are born with one cosine."""
     return abs(slope_at_departure(delta, restitution, drift)) / TWO_PI
 
 
 def flip_of_c(delta: float, restitution: float, drift: float) -> float:
-    """Return the ε of PDC, at which C loses its stability under one cosine if it still happens there."""
+    """Return the ε of PDC, at which C loses stability with one cosine if it is admissible there."""
     r, decay = restitution, math.exp(-delta)
     size = 2.0 * delta * delta * (1.0 + r * r * decay) * drift / ((1.0 + r) ** 2 * -math.expm1(-delta) * TWO_PI**2)
     return math.hypot(saddle_node(delta, restitution, drift), size)
@@ -71,7 +71,7 @@ def forcing_derivatives(tau: Array, harmonics: Array) -> tuple[Array, Array]:
 
 
 def bounces(point: InelasticPoint) -> list[Bounce]:
-    """Return the P(1,1,0) that happen under any forcing, by their phase."""
+    """Return the admissible P(1,1,0) under any forcing, by their phase."""
     delta, r, drift = point.delta, point.restitution, point.drift
     harmonics = point.harmonics
     wanted = slope_at_departure(delta, r, drift)
@@ -90,9 +90,9 @@ def bounces(point: InelasticPoint) -> list[Bounce]:
 
 
 def _crossings(function: Callable[[Array], Array], count: int) -> list[float]:
-    """Return the zeros of a periodic function, one in each of count equal intervals at whose ends its signs differ."""
+    """Return the zeros of a periodic function, one for each of `count` equal intervals on which it changes sign."""
     grid = np.arange(count + 1) / count
-    from scipy.optimize import brentq  # a quarter of a second to load
+    from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     values = function(grid)
     changes = np.flatnonzero((values[1:] > 0) != (values[:-1] > 0))

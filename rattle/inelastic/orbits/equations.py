@@ -1,9 +1,9 @@
-"""A periodic motion with restitution as the times of its impacts: the equations of the elastic gear with another law.
+"""A periodic motion with restitution as the times of its impacts: the elastic gear's equations with another impact law.
 
-Flights between given times do not depend on what an impact leaves of a speed (`rattle.impacting.orbits.equations`), so
-with n impacts R_i = w₀ of flight i + r w₁ of flight i − 1 = 0. A load only changes the unit of length: a gear with
-load ℓ at (ε, β) is one without load at (ε, β)/(1 + ℓ), its speeds divided likewise, since Φ'' + δΦ' = δq + e'' + δe' is
-linear and q ∝ 1 + ℓ.
+Flights between given times do not depend on the impact law (`rattle.impacting.orbits.equations`), so a motion with n
+impacts solves R_i = w₀ of flight i + r w₁ of flight i − 1 = 0. A load ℓ only changes the unit of length: because Φ'' +
+δΦ' = δq + e'' + δe' is linear and q ∝ 1 + ℓ, a gear with load at (ε, β) is one without load at (ε, β)/(1 + ℓ), and its
+speeds are divided by 1 + ℓ too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rattle.impacting.orbits.equations import Itinerary
 
 @dataclass(frozen=True)
 class InelasticItinerary(Itinerary):
-    """Walls that a motion meets, its forcing periods, the half-backlash, and the restitution; there is no load."""
+    """The walls of a motion, its forcing periods, the half-backlash and the restitution, without load."""
 
     restitution: float = 1.0
 
@@ -30,12 +30,12 @@ class InelasticItinerary(Itinerary):
         return Restitution(restitution=self.restitution)
 
     def residual(self, x: NDArray) -> NDArray:
-        """R (…, n): zero where every impact obeys the impact law."""
+        """Return R (…, n), which is 0 where every impact obeys the impact law."""
         flights = self.flights(x)
         return np.asarray(flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1))
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀'."""
+        """Return R and J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
         flights, n, r = self.flights(x), self.n, self.restitution
         residual = flights.w0 + r * np.roll(flights.w1, 1, axis=-1)
         matrix = np.zeros((*residual.shape, n), residual.dtype)
@@ -47,21 +47,21 @@ class InelasticItinerary(Itinerary):
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """R (…, n + 1), and after it the velocity with which an impact is reached."""
+        """Return R followed by the arrival velocity at one impact, (…, n + 1)."""
         flights = self.flights(x)
         residual = flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1)
         return np.concatenate([residual, flights.w1[..., impact - 1, None]], axis=-1)
 
 
 def without_load(x: NDArray, load: float) -> NDArray:
-    """Return unknowns (…, N), ε the last, of the gear without load that moves alike."""
+    """Return unknowns (…, N), ε last, of the equivalent gear without load."""
     found = np.array(x)
     found[..., -1] /= 1.0 + load
     return found
 
 
 def under_load(problem: ContinuationProblem, load: float) -> ContinuationProblem:
-    """Return the problem of a gear with load, from that of the gear without load that moves alike."""
+    """Return the problem of a gear with load, from that of the equivalent gear without load."""
     if load == 0.0:
         return problem
     return ContinuationProblem(

@@ -1,17 +1,17 @@
 """The period-one motions of one cosine with restitution r, without load, in closed form (compiled).
 
-With X = ε cos 2πτ, Y = ε sin 2πτ, the time s = 1/2 + σ from Σ⁺ to Σ⁻, E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)), and p
-and q the decaying parts of the velocity after Σ⁺ and after Σ⁻ (`rattle.impacting.orbits.closed_form`, of which this is
-the form for any r), P(1,1,1) closes where
+This is `rattle.impacting.orbits.closed_form` for any r. Let X = ε cos 2πτ, Y = ε sin 2πτ, s = 1/2 + σ the time from Σ⁺
+to Σ⁻, E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)), and p and q the decaying parts of the velocity after Σ⁺ and after Σ⁻.
+P(1,1,1) closes where
 
     p + r Er q = (1 + r)(4π − 2πY),            r Es p + q = (1 + r)(4π − 2πY'),
     p(1 − Es)/δ = 2β + 4πs + Z,                q(1 − Er)/δ = 4π(1 − s) − 2β − Z,
 
-with Z = X' − X and X', Y' those at Σ⁻: linear in X and Y, with the determinant
+with Z = X' − X, where X' and Y' are the values of X and Y at Σ⁻. The equations are linear in X and Y, with determinant
 
     −2π(1 + r)² [2π sin 2πσ − δ (1 + cos 2πσ)(Er − Es)/((1 − Es)(1 − Er))],
 
-which vanishes at σ = 0 alone, whatever r is. So ε(σ) is an explicit curve on either side.
+which vanishes only at σ = 0, for every r. So ε(σ) is an explicit curve on either side of σ = 0.
 """
 
 import math
@@ -27,18 +27,18 @@ from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 
 A, B, C, D = range(4)
-SAME_TIME = 1e-6  # a recomputed flight time this close to the family's is the same impact
-EDGE = 1e-9  # nodes start this close to σ = 0, where the closure is singular
+SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
+EDGE = 1e-9  # first node in σ; at σ = 0 the closure is singular
 NODES_PER_SIDE = 160
 MOST_NODES = 2 * NODES_PER_SIDE + 24
-SMALL_DAMPING = 0.05  # of a flight, below which its mean drift is given by a series
+SMALL_DAMPING = 0.05  # damping of a flight below which its mean drift is computed by a series
 MOST_STEPS = 200
 Array = NDArray[np.float64]
 
 
 @inline
 def excess_drift(x, lost):
-    """x/(1 − e^(−x)) − 1 without cancellation; lost: 1 − e^(−x)."""
+    """Return x/(1 − e^(−x)) − 1 without cancellation; lost is 1 − e^(−x)."""
     if x < SMALL_DAMPING:
         y = x * x
         return x * (0.5 + x * (1.0 / 12.0 - y * (1.0 / 720.0 - y * (1.0 / 30240.0 - y / 1209600.0))))
@@ -47,7 +47,7 @@ def excess_drift(x, lost):
 
 @kernel
 def family_closure(sigma, delta, beta, r):
-    """Numerators of X, Y, of the speed after Σ⁺ and of that of arrival at Σ⁻, and their common denominator."""
+    """Return numerators of X, Y, the speed after Σ⁺ and the arrival speed at Σ⁻, and their common denominator."""
     omc, siny, _defect = versines(sigma)
     xs, xr = delta * (0.5 + sigma), delta * (0.5 - sigma)
     ls, lr = -math.expm1(-xs), -math.expm1(-xr)
@@ -67,20 +67,20 @@ def family_closure(sigma, delta, beta, r):
     x, y = k2 * a12 - k1 * a22, k1 * a21 - k2 * a11
     z = y * siny - x * (2.0 - omc)
     y_s = -(x * siny + y * (1.0 - omc))
-    p = c1 * determinant + f1 * z  # less 4π
+    p = c1 * determinant + f1 * z  # p − 4π
     return x, y, p + TWO_PI * y, es * p - DRIFT * ls * determinant + TWO_PI * y_s, determinant
 
 
 @kernel
 def family_amplitude(sigma, delta, beta, r):
-    """Return ε(σ) on the family: infinite at its pole."""
+    """Return ε(σ) on the family; it is infinite at its pole."""
     x, y, _v, _u, determinant = family_closure(sigma, delta, beta, r)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def root_of_amplitude(level, lo, hi, delta, beta, r):
-    """Return σ in (lo, hi) at which ε(σ) is this level, by secant steps in a shrinking bracket."""
+    """Return the σ in (lo, hi) at which ε(σ) = level, by secant steps inside a shrinking bracket."""
     f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):
@@ -97,7 +97,7 @@ def root_of_amplitude(level, lo, hi, delta, beta, r):
 
 @kernel
 def family_turning_point(lo, hi, sign, delta, beta, r):
-    """Minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
+    """Return the minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * family_amplitude(x1, delta, beta, r), sign * family_amplitude(x2, delta, beta, r)
@@ -115,7 +115,7 @@ def family_turning_point(lo, hi, sign, delta, beta, r):
 
 @kernel
 def fill_family_nodes(delta, beta, r, sigma, e):
-    """Fill rising σ and ε(σ), between which ε is monotone, into two arrays of MOST_NODES; how many there are."""
+    """Fill rising σ and ε(σ), between which ε is monotone, into arrays of length MOST_NODES; return their number."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -131,7 +131,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
             sigma[size] = family_turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta, r)
             e[size] = family_amplitude(sigma[size], delta, beta, r)
             size += 1
-    for i in range(2 * n, size):  # a few turning points among nodes in order: insertion
+    for i in range(2 * n, size):  # insertion sort, because only a few turning points join nodes that are in order
         new, new_e, j = sigma[i], e[i], i
         while sigma[j - 1] > new:
             sigma[j], e[j] = sigma[j - 1], e[j - 1]
@@ -157,14 +157,14 @@ def family_one_impact(cosine, delta, epsilon, beta, r):
 
 @inline
 def bent(w, x, y, delta):
-    """Return the flight that leaves with this velocity at a phase with ε cos and ε sin."""
+    """Return the flight that leaves with this velocity at the phase where (ε cos, ε sin) = (x, y)."""
     slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
     return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
 
 
 @kernel
 def family_two_impacts(sigma, delta, epsilon, beta, r):
-    """Return the P(1,1,1) of this member of the family: (admissible, τ, v, trace)."""
+    """Return the P(1,1,1) of the family at σ: (admissible, τ, v, trace)."""
     x, y, v, u, determinant = family_closure(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, rest = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
@@ -179,9 +179,10 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
     if status != 0 or wall != 1 or abs(t2 - rest) > SAME_TIME:
         return False, tau, v, 0.0
     omc, siny, _defect = versines(sigma)
-    y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # half a turn from those of σ
+    y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # sine and cosine of 2πs, half a turn from those of 2πσ
     down, up = bent(-v, x, y, delta), bent(r * u, x1, y1, delta)
-    ends = bent(-u, x1, y1, delta), bent(v / r, x, y, delta)  # of which the force bends the arrivals
+    # flights after both impacts, whose force gives the derivatives of the arrivals
+    ends = bent(-u, x1, y1, delta), bent(v / r, x, y, delta)
     bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
     a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
     b00, b01, b10, b11 = forced_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
@@ -190,7 +191,7 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 
 @kernel
 def keep_orbit(orbit, found, exists, phase, speed, traces, i):
-    """Keep the first admissible orbit of a kind: with σ from 1/2 down, the branch that SN2 creates comes first."""
+    """Keep the first admissible orbit of a kind. With σ falling from 1/2 the branch that SN2 creates comes first."""
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
@@ -199,7 +200,7 @@ def keep_orbit(orbit, found, exists, phase, speed, traces, i):
 
 @kernel
 def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
-    """Fill the period-one orbits (4, n) of flat parameter arrays, False and NaN before, visited in this order."""
+    """Fill the period-one orbits (4, n) of flat arrays of parameters, visited in `order`; False and NaN before."""
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     for i in order:

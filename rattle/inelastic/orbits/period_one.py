@@ -1,4 +1,4 @@
-"""A to D of the inelastic gear under one cosine over whole parameter arrays, with multipliers, and their regions."""
+"""Orbits A to D of the inelastic gear with one cosine over parameter arrays, with multipliers, and their regions."""
 
 from __future__ import annotations
 
@@ -71,5 +71,5 @@ def regions(
     restitution: ArrayLike = 1.0,
     load: ArrayLike = 0.0,
 ) -> NDArray[np.int8]:
-    """Return the region of every element of the broadcast parameters, as its number in `rattle.REGIONS`."""
+    """Return the region of every element of the broadcast parameters as its number in `rattle.REGIONS`."""
     return classify(period_one(delta, epsilon, beta, restitution, load))

@@ -1,4 +1,4 @@
-"""Any periodic motion of the inelastic gear that happens, from its return map."""
+"""Any admissible periodic motion of the inelastic gear, from its return map."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
 MOST_RETURNS = 4096
-CLOSE = 1e-6  # a motion with contact that comes back as close as this is the one that is meant
+CLOSE = 1e-6  # largest distance between the given state and a point of the motion with contact
 
 
 class InelasticOrbit(NamedTuple):
-    """A periodic motion P(m, n_plus, n_minus) that happens, with its number of contact phases in m forcing periods.
+    """An admissible periodic motion P(m, n_plus, n_minus) with its number of contact phases in m forcing periods.
 
-    n_plus and n_minus count a run of impacts that ends in contact once. tau, v: its fastest impact on Σ⁺. multipliers:
-    over m periods, the larger modulus first; their product is e^(−δm) r^(2(n_plus + n_minus)), and both are 0 where
-    there is a contact phase.
+    n_plus and n_minus count a run of impacts that ends in contact once. tau and v are those of its fastest impact on
+    Σ⁺. The multipliers are over m periods, the larger modulus first. Their product is e^(−δm) r^(2(n_plus + n_minus));
+    both are 0 if there is a contact phase.
     """
 
     m: int
@@ -34,14 +34,14 @@ class InelasticOrbit(NamedTuple):
 
     @property
     def stable(self) -> bool:
-        """True if it attracts."""
+        """True if the motion attracts."""
         return abs(self.multipliers[0]) < 1.0
 
 
 def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
-    """Return the periodic motion near a state (τ, v) that repeats itself after n_plus impacts on Σ⁺.
+    """Return the periodic motion near a state (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-    A state of a motion with contact phases is enough, whatever n_plus.
+    For a motion with contact phases one of its states is enough, and n_plus is ignored.
 
     Returns
     -------
@@ -51,15 +51,17 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     Raises
     ------
     ParameterError
-        A number is outside its domain.
+        If a number is outside its domain.
     RattleError
-        Newton's method on the return map finds none.
+        If Newton's method on the return map finds none.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
     k = returns_by_contact(tau, v, MOST_RETURNS, CLOSE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
-        raise RattleError(f"there is no periodic motion of {n_plus} impacts on Σ⁺ near tau = {tau:g}, v = {v:g}")
+        raise RattleError(
+            f"no periodic motion with {n_plus} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: start closer"
+        )
     k = shortest_return(tau1, v1, k, point)
     tau1, v1 = fastest_point(tau1, v1, k, point)
     status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = power_map(tau1, v1, k, point)

@@ -1,1 +1,1 @@
-"""Chaos as a theorem: sets that the impact map stretches across each other, and a checker that shares no code."""
+"""Prove chaos by sets that the impact map stretches across each other: a finder, and an independent checker."""

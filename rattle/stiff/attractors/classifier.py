@@ -17,14 +17,14 @@ from rattle.stiff.map.quiet import quiet_limit
 
 
 def cells_of(parameters: Parameters) -> StiffCells:
-    """Return cells with these parameters (n,), as kernels take them."""
+    """Return the record of cells with these parameters (n,) for kernels."""
     delta, epsilon, kappa = parameters.delta, parameters.epsilon, parameters.added["kappa"]
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
     return StiffCells(delta, epsilon, parameters.beta, rests, kappa)
 
 
 class StiffClassifier(Classifier):
-    """The samples of a block of cells on their way, and what is known of the cells."""
+    """Classify the samples of a block of cells of the stiff gear."""
 
     model = "stiff"
     cells_of = staticmethod(cells_of)
@@ -42,7 +42,7 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return no speed above 0 is sure to become quiet: contact tells."""
+        """Return 0, because an endless contact, not a speed, decides that a motion is quiet."""
         return 0.0
 
     @property
@@ -51,20 +51,20 @@ class StiffClassifier(Classifier):
         return np.asarray(self.cells.has_quiet > 0)
 
     def enter_known_orbits(self) -> None:
-        """No motion is known beforehand."""
+        """Do nothing, because no orbit is known without samples."""
 
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these balls of capture."""
+        """Find the radii of these capture regions."""
         enlarge_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
-        """Follow these samples to their ends or limits: every return is looked at, early or not."""
+        """Follow these samples to their ends or limits. Every return is checked, with or without `early`."""
         settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these of the survey's samples with a tangent vector."""
+        """Follow these samples with a tangent vector."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 

@@ -1,7 +1,7 @@
 """Follow samples of the stiff gear until each is quiet, captured, recurs, or has made its contacts (compiled).
 
-As `rattle.impacting.attractors.settle` for the impacting model, sample by sample: quiet is a contact with Σ⁺ that never
-ends, and the tangent vector is one of (Φ, Φ') at fixed time.
+The samples are followed one by one, otherwise as in `rattle.impacting.attractors.settle`. A contact with Σ⁺ that never
+ends is quiet. The tangent vector is one of (Φ, Φ') at fixed time.
 """
 
 import math
@@ -18,7 +18,7 @@ from rattle.stiff.map.return_map import StiffPoint
 
 
 class StiffCells(NamedTuple):
-    """Parameters of the cells (n,); has_quiet: 1 where permanent contact is a motion, 0 where it is not."""
+    """Parameters of the cells (n,); has_quiet is 1 where permanent contact is possible, else 0."""
 
     delta: Any
     epsilon: Any
@@ -40,13 +40,13 @@ def _between(share, one, other):
 
 @inline
 def ended_with(code):
-    """Return the outcome of a sample whose return does not come back."""
+    """Return the outcome of a sample whose motion does not return to Σ⁺."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow the samples `which` until they end; a sample that makes all its returns is UNRESOLVED."""
+    """Follow the samples `which` until they end. A sample that makes all its returns remains UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -66,10 +66,10 @@ def settle(which, cells, samples, balls):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """Settle probes with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
+    """Settle probes with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
 
-    sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns,
-    footprints[j] the boxes that it visits.
+    sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
+    footprints[j] collects the boxes that it visits.
     """
     for j in range(which.size):
         k = which[j]

@@ -1,6 +1,6 @@
 """Branches of periodic motions of the stiff gear along lines in δ, ε and κ^(−1/2): saddle-nodes, flips and grazes.
 
-A motion that grazes goes on smoothly with one contact more or less, so a branch of one itinerary ends there.
+At a graze the motion continues smoothly with one contact more or less, so a branch of one itinerary ends there.
 """
 
 from collections.abc import Callable
@@ -31,12 +31,12 @@ from rattle.stiff.orbits.periodic import LONGEST, StiffOrbit, admissible, as_sti
 
 __all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", "stiff_curve"]
 
-POINTS_ACROSS = 50  # at least, over the span
+POINTS_ACROSS = 50  # least number of points over the span
 MOST_POINTS = 1000
-NEARLY_TWICE = 1e-2  # where the equations of a doubled branch are too nearly singular to go on to its flip
-FLIP_WITHIN = 1e-3  # of the span from there
-LEAST_FLIGHT = 1e-6  # of a period
-LOST = "is lost"  # what ends a branch at a graze
+NEARLY_TWICE = 1e-2  # distance from its flip at which the equations of a doubled branch become almost singular
+FLIP_WITHIN = 1e-3  # share of the span, from there, within which the flip must lie
+LEAST_FLIGHT = 1e-6  # shortest flight, in forcing periods
+LOST = "is lost"  # words of a branch's end at a graze
 
 
 def stiff_branch(
@@ -45,27 +45,31 @@ def stiff_branch(
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
 ) -> StiffBranch:
-    """Return the branch of a periodic motion in "epsilon", "delta" or "kappa", both ways from it, while it happens.
+    """Return the branch of a periodic motion in "epsilon", "delta" or "kappa", both ways, while it is admissible.
 
     Parameters
     ----------
+    orbit : StiffOrbit
+        The motion from which the branch is followed.
+    parameter : str or (dδ, dε)
+        The parameter to change, or a direction in the (δ, ε) plane.
     span : tuple[float, float] | None
-        (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. parameter may
-        be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1.
+        (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. With a
+        direction, the range of its multiples, by default −1 to 1.
     resolution : int
-        Points over the span, at least.
+        Least number of points over the span.
 
     Returns
     -------
     StiffBranch
-        Points ordered along the branch, with the events between them.
+        Points in order along the branch, with the events between them.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the orbit is no solution.
+        If the orbit is not a solution.
     """
     orbit = as_stiff(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -91,7 +95,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 
 
 def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch through a solution y on a line, while s is in its span."""
+    """Return the branch through a solution y on a line, in both directions, while s is in its span."""
     if not line.is_admissible(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
     followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
@@ -102,18 +106,18 @@ def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], reso
 
 
 def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch of motions of twice the period from a flip on, along a direction (3,) of parameters."""
+    """Return the branch of motions of twice the period that begins at a flip, along a direction (3,) of parameters."""
     itinerary = event.itinerary.doubled()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = first_of_doubled(event.itinerary, event.unknowns)
     path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
-    tangents[0] = tangents[min(1, len(tangents) - 1)]  # it turns back here, at its first point
+    tangents[0] = tangents[min(1, len(tangents) - 1)]  # the doubled branch turns back at its first point
     return _built(line, path.points, tangents, 0, (_End("flip"), _end(line, path, span)))
 
 
 class _End(NamedTuple):
-    """Why a branch ends, and the event there."""
+    """The reason why a branch ends, and the event there."""
 
     why: str
     flip: StiffOrbit | None = None
@@ -121,7 +125,7 @@ class _End(NamedTuple):
 
 
 def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
-    """Return the end of a path."""
+    """Return the reason why a path ends, and the event there."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
         return _End("span")
@@ -177,7 +181,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
             )
     multipliers = np.array([line.orbit(y).multipliers for y in points]).T
     stable = np.abs(multipliers[0]) < 1.0
-    for k in marked:  # a saddle-node counts as its stable side does
+    for k in marked:  # a saddle-node gets the stability of its stable side
         stable[k] = stable[max(k - 1, 0)] or stable[k + 1]
     itinerary, unknowns = line.itinerary(points[0]), np.array([line.plane(y) for y in points])
     flights = itinerary.flights(unknowns[:, :-1], unknowns[:, -1:])
@@ -196,7 +200,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
 
 
 def _fold(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
-    """Return the rate of the parameter along the branch from a to b."""
+    """Return the derivative of the parameter along the branch between a and b, which vanishes at a fold."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 
@@ -205,13 +209,13 @@ def stiff_curve(
 ) -> Array:
     """Return the saddle-node or flip curve through an event at fixed κ.
 
-    It is followed while the motion happens in the window of δ and ε (low, high), with at least `resolution` points
-    across the window.
+    The curve is followed while the motion is admissible and inside the window of δ and ε (low, high), with at least
+    `resolution` points across the window.
 
     Returns
     -------
     Array
-        (k, 2c + 2), times and durations of contacts, then δ and ε.
+        (k, 2c + 2): times and durations of the c contacts, then δ and ε.
 
     Raises
     ------
@@ -231,5 +235,5 @@ def stiff_curve(
 
     found = pieces(condition(itinerary, event.kind), [event.orbit.unknowns], window, left, itinerary.contacts)
     if not found:
-        raise RattleError("the event is outside the window, or no solution: choose delta and epsilon around it")
+        raise RattleError("the event is not a solution inside the window: choose delta and epsilon around it")
     return found[0].points

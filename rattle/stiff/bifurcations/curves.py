@@ -1,8 +1,8 @@
 """The bifurcation curves of A–D of the stiff gear in the (δ, ε) plane at one stiffness.
 
-All of G1, SN2 and G2 are folds of P(1,1,1): a graze is no bifurcation here, but next to it, at a slight contact with
-Σ⁻, the motion meets another in a saddle-node. So G1 and SN2 are one smooth curve through a cusp, where C, B and D
-become one (COD23 of the impacting model), and SN1 goes on as G2 where A and C are born grazing (COD22).
+G1, SN2 and G2 are all folds of P(1,1,1). A graze is no bifurcation in this gear, but next to it, at a slight contact
+with Σ⁻, the motion meets another one in a saddle-node. G1 and SN2 are therefore one smooth curve with a cusp, where C,
+B and D merge (COD23 of the impacting model). SN1 continues as G2 where A and C are born grazing (COD22).
 """
 
 from collections.abc import Iterator
@@ -39,11 +39,11 @@ from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families
 from rattle.stiff.orbits.family_continuation import family_solution_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
-#: The letters that meet in each fold.
+#: The two motions that meet at each fold.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
 FLIPS, QUIET = ("PD1", "PDC", "PD2"), "quiet_limit"
-BORN_WITH = ("A", "B")  # D is
-OF_ONE_CONTACT = ("SN1", "PDC")  # curves of P(1,1,0), the others are of P(1,1,1)
+BORN_WITH = ("A", "B")  # motions with which D can be born in a fold
+OF_ONE_CONTACT = ("SN1", "PDC")  # curves of P(1,1,0); all others belong to P(1,1,1)
 MEANINGS = {
     "SN1": "saddle-node at which A and C, P(1,1,0), are born as ε grows; goes on as G2 where they are born grazing",
     "SN2": "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends with G1 in a cusp",
@@ -55,8 +55,9 @@ MEANINGS = {
     QUIET: "limit of permanent contact with Σ⁺: above it the teeth separate",
 }
 NAMES = tuple(MEANINGS)
-GOES_ON = {"SN1": ", it goes on as G2", "G2": ", it goes on as SN1"}  # at a graze
-NEAR = 1e-2  # of the shortest contact, beside a fold: whether ε is least or greatest there
+# end of the sentence about a curve that ends at a graze
+GOES_ON = {"SN1": ", it goes on as G2", "G2": ", it goes on as SN1"}
+NEAR = 1e-2  # step beside a fold, relative to the shortest contact, that shows whether ε is least or greatest there
 BISECTIONS = 30
 
 
@@ -77,14 +78,14 @@ def trace(
     Returns
     -------
     Curve
-        In pieces, each from one end in the window to the other.
+        Its pieces inside the window, each from end to end.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        Where rounding keeps the curve from being followed.
+        If rounding prevents the curve from being followed.
     """
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
@@ -124,7 +125,7 @@ def _traced(name: str, beta: float, kappa: float, window: PlaneWindow, dampings:
 
 
 def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
-    """Guesses of the unknowns (2c + 2,) on a curve at these dampings."""
+    """Return guesses of the unknowns (2c + 2,) on a curve at these dampings."""
     for delta in dampings.tolist():
         for family in families(delta, beta, kappa, span_of_family(delta, window.epsilon[1])):
             for y in _events(name, family):
@@ -132,10 +133,10 @@ def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings:
 
 
 def _events(name: str, family: StiffFamily) -> list[Array]:
-    """Return the motions (2c + 1,) of a family that are on a curve.
+    """Return the motions (2c + 1,) of a family that lie on a curve.
 
-    On the paper's curves Σ⁻ comes later than half a period after Σ⁺, from middle to middle of the contacts: at 1/2 is
-    the pole of the limit's P(1,1,1).
+    On the paper's curves the contact with Σ⁻ follows that with Σ⁺ by more than half a period, between their middles. At
+    half a period the impacting P(1,1,1) has its pole.
 
     Returns
     -------
@@ -153,7 +154,7 @@ def _events(name: str, family: StiffFamily) -> list[Array]:
 
 
 def _flips(name: str, family: StiffFamily) -> list[Array]:
-    """Return the flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
+    """Return the flips of a family that lie on a curve: flips of P(1,1,0) on C, flips of P(1,1,1) on D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
@@ -175,7 +176,7 @@ def _flips(name: str, family: StiffFamily) -> list[Array]:
 
 
 def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
-    """Return the flip between two motions of a family, nearly."""
+    """Return the approximate flip between two motions of a family."""
     sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
         if not family_solution_above_chord(a, b, 0.5, cycle, y):
@@ -185,7 +186,7 @@ def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
 
 
 def _left(name: str, y: Array, cycle: Cycle) -> str | None:
-    """Why a solution is not on a curve, None if it is."""
+    """Return why a solution is not on a curve, or None if it is."""
     c = cycle.walls.size
     if c == 2 and y[3] <= LEAST_CONTACT:
         return f"graze: contact with Σ⁻ is lost{GOES_ON.get(name, '')}"
@@ -200,7 +201,7 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
 def _is_greatest(y: Array, cycle: Cycle) -> bool:
     """Return whether ε is greatest at a fold along its family.
 
-    It is where −ψ R''φφ/ψR_ε < 0, with the null vectors φ and ψ of ∂R/∂y.
+    It is greatest where −ψ R''φφ/ψR_ε < 0, with φ and ψ the right and left null vectors of ∂R/∂y.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Bifurcation diagrams of the stiff gear along segments of (δ, ε, κ): what `rattle.continuation.diagram` asks of it."""
+"""The bifurcation diagram of the stiff gear along a segment of (δ, ε, κ)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.period_one import orbits_at
 from rattle.stiff.orbits.periodic import StiffOrbit, stiff_orbit
 
-SEEDS = 5  # steps at which A to D are looked for
+SEEDS = 5  # steps of the segment at which A to D are computed
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ class StiffMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""
+        """Yield A to D, and other P(1,1,0), at some steps where their families can be followed."""
         for k in np.unique(np.linspace(0, steps.size - 1, SEEDS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):
                     yield self._motion(orbit)
-            except RattleError:  # a family is lost there; other steps, and the attractors, may lead to its motions
+            except RattleError:  # a family that is lost at this step may be found from other steps or from attractors
                 continue
 
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
@@ -77,11 +77,11 @@ class StiffMotions(Motions):
         return doubled(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
-        """Saddle-nodes and flips, and the grazes at which the label changes."""
+        """Return the saddle-nodes and flips of a branch, and the grazes at which its label changes."""
         return *found.events, *found.grazes
 
     def beside(self, event: StiffEvent) -> Iterator[Motion]:
-        """Yield the motion of a flip, which a doubled branch may have led to, and what goes on beyond a graze."""
+        """Yield the motion of a flip, at which a doubled branch may end, and the motion beyond a graze."""
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns
         elif event.beyond is not None:
@@ -108,14 +108,26 @@ def diagram(
 ) -> Diagram[StiffBranch, StiffEvent]:
     """Return the bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ.
 
-    With a pair kappa, κ goes from the first at the start to the second at the end, evenly in κ^(−1/2); then start and
-    end may be the same. Other arguments are those of `rattle.diagram`. A branch has one label; at a graze (GR), which
-    is no bifurcation here, its motion goes on as another branch. Raises ParameterError.
+    A branch has one label. At a graze (GR), which is no bifurcation in this gear, its motion continues as another
+    branch.
+
+    Parameters
+    ----------
+    kappa : float or tuple[float, float]
+        The stiffness; or its values at start and end, between which κ^(−1/2) changes linearly. Start and end may then
+        be the same point.
+    start, end, beta, steps, count, v_max, impacts, most, seed
+        As in `rattle.diagram`.
 
     Returns
     -------
     Diagram[StiffBranch, StiffEvent]
         Sweeps, branches and events, and what was left out.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
     at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)

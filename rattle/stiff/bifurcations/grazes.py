@@ -1,11 +1,9 @@
-"""Find where a motion of the stiff gear gains or loses a contact, and goes on with another label.
+"""Find where a motion of the stiff gear gains or loses a contact and continues with another label.
 
-The field is continuous.
-
-A contact is lost as its duration falls to 0, and gained where a flight touches a wall. Two contacts with one wall
-become one as the flight between them falls to 0, and one becomes two where its depth falls to 0 on the way. At each of
-them the motion with the contact more is a regular point of its equations in that duration, so that is where it is
-begun: in the parameter it may turn back at once, as C and B do near G1, some 1/κ² beyond.
+The vector field is continuous. A contact is lost when its duration falls to 0, and gained when a flight touches a wall.
+Two contacts with one wall become one when the flight between them falls to 0, and one becomes two when its depth falls
+to 0 in between. In each case the motion with one contact more is a regular point of its equations in that duration, so
+it is started there. In the parameter it may turn back at once, as C and B do near G1, within about 1/κ².
 """
 
 from dataclasses import replace
@@ -19,20 +17,21 @@ from rattle.orbits.periodic import begun_at
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import Failure, first_failure
 
-LIGHT = 1e-5  # a contact (σ) or a flight (in times p) that is no longer has come to its end
-BEGUN = 0.04  # duration at which one begins (σ over p; flights over p²): below that of the fold of C and B, 2.1
-NEAREST = 10.0 ** np.arange(-9, -3)  # from a graze, in the unknowns: where the motion without the contact is, or not
+LIGHT = 1e-5  # duration, in units of p, below which a contact or a flight counts as vanished
+BEGUN = 0.04  # duration with which one is started (contacts: σ/p, flights: time/p²); the fold of C and B lies at 2.1
+# distances from a graze, in the unknowns, at which the motion without the contact is tried
+NEAREST = 10.0 ** np.arange(-9, -3)
 
 
 class Graze(NamedTuple):
-    """The motion without the contact at a graze, and the one beyond if it is found, each a line and its y."""
+    """The motion without the contact at a graze, and the motion beyond it if found, each as a line and its y."""
 
     here: tuple[MotionsOnLine, Array]
     beyond: tuple[MotionsOnLine, Array] | None
 
 
 def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
-    """Return the graze at which a branch ends, at its last point and outwards; None if it is none of these."""
+    """Return the graze at the last point of a branch, in its outward direction; None if there is none."""
     c, p = len(line.walls), line.itinerary(y).softness
     flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
     same = np.array(line.walls) == np.roll(line.walls, -1)
@@ -49,7 +48,7 @@ def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
 
 
 def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
-    """Return the same motion, begun with a contact with Σ⁺, if it has one."""
+    """Return the same motion, rotated to begin with a contact with Σ⁺, if it has one."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)
@@ -61,7 +60,7 @@ def _without(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine
 
 
 def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    """Contact and the next one become one."""
+    """Return the motion in which a contact and the next one are one."""
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
@@ -69,7 +68,7 @@ def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine,
 
 
 def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion of this itinerary to one side of a graze, as near as it happens."""
+    """Return the admissible motion of this itinerary that is closest to a graze, on one side of it."""
     rising = np.zeros(y.size)
     rising[-1] = 1.0
     tangent = tangent_at(line.problem, y, rising)
@@ -82,7 +81,7 @@ def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | N
 
 
 def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion with one contact more, of which the branch does not know, beyond y."""
+    """Return the motion beyond y with one more contact than the branch has."""
     for reach in NEAREST:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])
@@ -103,7 +102,7 @@ def _inserted(
 
 
 def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:
-    """Return a light contact where a flight touches a wall, of a duration that is held."""
+    """Return the motion with a light contact of fixed duration where a flight touches a wall."""
     p = line.itinerary(y).softness
     duration = BEGUN * p
     more, guess = _inserted(line, y, failure.piece, failure.wall, failure.time - 0.5 * p * duration, duration)
@@ -113,7 +112,7 @@ def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsO
 
 
 def _split(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:
-    """Return a short flight where the depth of a contact falls to 0, of a length that is held."""
+    """Return the motion with a short flight of fixed duration where the depth of a contact falls to 0."""
     i, c, p = failure.piece, len(line.walls), line.itinerary(y).softness
     gap = BEGUN * p * p
     ends = y[i] + p * y[c + i]

@@ -1,4 +1,4 @@
-"""Motions of one itinerary of the stiff gear on a line in (δ, ε, p), p = 1/√(2κ): what a continuation asks of them."""
+"""The equations of one itinerary of the stiff gear on a line in (δ, ε, p), p = 1/√(2κ), for continuation."""
 
 from dataclasses import dataclass, replace
 
@@ -12,13 +12,13 @@ from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, admissible, orbit_of, trace_of
 
-TWICE = 1e-5  # a motion this near to one of half the period is that one, at its flip
+TWICE = 1e-5  # largest distance from a motion of half the period that counts as that motion, at its flip
 MOST_BRACKETS = 8
 
 
 @dataclass(frozen=True)
 class MotionsOnLine:
-    """(δ, ε, p) = origin + s direction, and the motions of one itinerary on it: y = (times, durations, s)."""
+    """The line (δ, ε, p) = origin + s · direction, and motions of one itinerary on it, y = (times, durations, s)."""
 
     walls: tuple[int, ...]
     m: int
@@ -27,11 +27,11 @@ class MotionsOnLine:
     direction: Array
 
     def plane(self, y: NDArray) -> NDArray:
-        """Return all unknowns (…, 2c + 3) at y: δ, ε and p last."""
+        """Return the unknowns (…, 2c + 3) at y; δ, ε and p come last."""
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
     def parameter(self, x: Array) -> Array:
-        """Return y of unknowns (2c + 3,) on the line."""
+        """Return the y of unknowns (2c + 3,) on the line."""
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
@@ -40,30 +40,30 @@ class MotionsOnLine:
 
     @property
     def problem(self) -> ContinuationProblem:
-        """The equations along the line."""
+        """Return the equations along the line."""
         any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
 
         def equations(y: NDArray) -> NDArray:
             x = self.plane(y)
             with np.errstate(
                 divide="ignore", invalid="ignore"
-            ):  # at a flight of length 0, which Newton's method refuses
+            ):  # a flight of duration 0 is singular, and Newton's method refuses it
                 return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
         return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
 
     def is_admissible(self, y: Array) -> bool:
-        """Return whether the motion of a solution does."""
+        """Return whether a solution is admissible."""
         x = self.plane(y)
         return bool(x[-1] > 0.0) and admissible(self.itinerary(y), x[:-1])
 
     def flip(self, y: Array) -> float:
-        """Trace + 1 + e^(−δm), which vanishes at a flip."""
+        """Return trace + 1 + e^(−δm), which vanishes at a flip."""
         x = self.plane(y)
         return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
     def orbit(self, y: Array) -> StiffOrbit:
-        """Return the motion of a solution."""
+        """Return a solution as a `StiffOrbit`."""
         return orbit_of(self.itinerary(y), self.plane(y)[:-1])
 
     def solved(self, y: Array) -> Array | None:
@@ -72,11 +72,11 @@ class MotionsOnLine:
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """Return all ways (…, 2c + 1) to write the motion of start, near y."""
+        """Return all equivalent unknowns (…, 2c + 1) of the motion `start` near y: rotated, or whole periods later."""
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def halved(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
-        """Line and y of one half of a motion, and how far the halves are apart; None if its walls have none."""
+        """Return line and y of one half of a motion, and the distance of the halves; None if walls do not repeat."""
         half, odd = divmod(len(self.walls), 2)
         if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
             return None
@@ -86,12 +86,12 @@ class MotionsOnLine:
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
     def is_twice(self, y: Array) -> bool:
-        """Return whether y is a motion of half the period twice over."""
+        """Return whether y repeats a motion of half the period."""
         found = self.halved(y)
         return found is not None and found[2] < TWICE
 
     def flip_near(self, y: Array, width: float) -> Array | None:
-        """Return the flip on this line at which a doubled branch ends, from a motion y next to it.
+        """Return the flip on this line at which a doubled branch ends, from a motion y close to it.
 
         Returns
         -------

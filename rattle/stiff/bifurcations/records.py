@@ -1,4 +1,4 @@
-"""A branch of periodic motions of the stiff gear, and what happens on it."""
+"""A branch of periodic motions of the stiff gear, and its events."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,16 +19,15 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.period_one import orbits_at
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of, softness
 
-SAME_MOTION = 1e-6  # in τ and v
+SAME_MOTION = 1e-6  # largest difference in τ and v of equal motions
 
 
 class StiffEvent(NamedTuple):
     """A saddle-node (SN), flip (PD) or graze (GR) on a branch.
 
-    The motion there, and the number of the branch's point before it, at a saddle-node of the point that it is, at a
-    graze of the last one.
-
-    Nothing bifurcates at a graze: its motion, here without the contact that is gained or lost, goes on as `beyond`.
+    It holds the motion there and the number of the branch's point before it; at a saddle-node the number of the point
+    that it is, at a graze the number of the last point. Nothing bifurcates at a graze: the motion, stored without the
+    contact that is gained or lost, continues as `beyond`.
     """
 
     kind: Kind
@@ -38,12 +37,12 @@ class StiffEvent(NamedTuple):
 
     @property
     def after(self) -> int:
-        """The branch's point before it."""
+        """Number of the branch's point before the event."""
         return self.point - (self.kind is Kind.SADDLE_NODE)
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """Return the walls of the event's motion in their order."""
+        """Return the walls of the event's motion in order."""
         return self.orbit.itinerary
 
     @property
@@ -58,7 +57,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def admissible(self) -> bool:
-        """True if the motion happens: always."""
+        """True, because events are computed for admissible motions only."""
         return True
 
 
@@ -69,12 +68,20 @@ def unknowns_of(orbit: StiffOrbit) -> Array:
 
 @dataclass(frozen=True, repr=False)
 class StiffBranch(FollowedBranch):
-    """A branch of the stiff gear: see `FollowedBranch`.
+    """A branch of the stiff gear: see `FollowedBranch`. All its motions are admissible.
 
-    All its motions happen. A saddle-node is one of its points, which counts as stable if the motion is so on one side.
+    A saddle-node is one of the points. It counts as stable if the motion is stable on one side.
 
-    itinerary: with the stiffness of the first point. unknowns (k, 2c + 3): times, durations times √(2κ), δ, ε and
-    κ^(−1/2)/√2. events: saddle-nodes and flips. grazes: at which end its motion goes on with another label, and how.
+    Attributes
+    ----------
+    itinerary
+        The walls, with the stiffness of the first point.
+    unknowns : ndarray, (k, 2c + 3)
+        Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2.
+    events
+        Saddle-nodes and flips.
+    grazes
+        At each end, the graze at which the motion continues with another label.
     """
 
     itinerary: StiffItinerary
@@ -83,12 +90,12 @@ class StiffBranch(FollowedBranch):
 
     @property
     def added(self) -> dict[str, Array]:
-        """The stiffness (k,)."""
+        """Stiffness (k,) of the points."""
         return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
     def unfolded(self) -> Array:
-        """Times and durations (k, 2c), which do not jump along the branch."""
+        """Times and durations (k, 2c) without jumps along the branch."""
         return self.unknowns[:, :-3]
 
     @property
@@ -99,10 +106,10 @@ class StiffBranch(FollowedBranch):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """A, B, C or D for every point of a period-one branch, "" for those of any other.
+        """A, B, C or D for each point of a period-one branch, "" for the points of other branches.
 
-        "" too of the P(1,1,0) that no impacting motion becomes: the letter of the stretch between folds that it is on
-        (`rattle.stiff.orbits.families`).
+        The letter is that of the part between folds (`rattle.stiff.orbits.families`). It is "" also for a P(1,1,0)
+        without a counterpart in the impacting model.
         """
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()
@@ -111,10 +118,10 @@ class StiffBranch(FollowedBranch):
         return tuple(names)
 
     def curve_of(self, event: StiffEvent) -> str | None:
-        """Return the curve of `rattle.stiff.trace` that an event of the branch is on, None if it is on none of them."""
+        """Return the curve of `rattle.stiff.trace` on which an event lies, None if on none."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
-            return None  # beyond the pole of the limit's P(1,1,1), at half a period from Σ⁺ to Σ⁻
+            return None  # beyond the pole of the impacting P(1,1,1), at half a period from Σ⁺ to Σ⁻
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
@@ -125,7 +132,7 @@ class StiffBranch(FollowedBranch):
         return self._flip_of_d(event) if letters[k] == "D" else None
 
     def _flip_of_d(self, event: StiffEvent) -> str | None:
-        """PD1 next to a fold; else PD2 if D becomes stable as ε grows along the branch."""
+        """Return PD1 for the flip next to a fold, PD2 if D becomes stable as ε grows along the branch, else None."""
         i = next(i for i, each in enumerate(self.events) if each is event)
         if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
             return "PD1"
@@ -139,7 +146,7 @@ class StiffBranch(FollowedBranch):
         return orbit_of(replace(self.itinerary, softness=float(x[-1])), x[:-1])
 
     def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
-        """Return the points at which the parameter number `index` of the branch has this value.
+        """Return the points at which parameter number `index` of the branch has this value.
 
         Numbers −3, −2 and −1 are δ, ε and κ^(−1/2)/√2.
 

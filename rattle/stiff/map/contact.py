@@ -1,10 +1,13 @@
-"""Contact with a wall in closed form, and where it ends (compiled).
+"""Contact with a stiff wall in closed form, and where it ends (compiled).
 
-x ≥ 0 is the depth beyond the wall, outwards. In contact (paper 2.1, 2.2) x'' + δx' + 2κx = h(t), where h is ± the
-contact force of `rattle.flight.forcing`, ± the wall. With S the response to a unit velocity and C = S' + δS to a depth
-1, x is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h: the forcing of one cosine, to which
-every harmonic would add a response of its own. docs/stiff.md derives all, and why the search for the end cannot skip
-one. With −δ for δ and −τ for τ the same formulas run backwards in time.
+x ≥ 0 is the depth beyond the wall. In contact (paper 2.1, 2.2)
+
+    x'' + δx' + 2κx = h(t),
+
+where h is ± the contact force of `rattle.flight.forcing`, with the sign of the wall. Let S be the response to a unit
+velocity and C = S' + δS the response to a unit depth. Then x = C x₀ + S w₀ plus the responses to the mean, the cosine
+and the sine of h. This holds for a forcing of one cosine; every harmonic would add a response. docs/stiff.md derives
+the formulas, and why the search for the end cannot skip one. With −δ and −τ the same formulas run backwards in time.
 """
 
 import math
@@ -14,20 +17,21 @@ from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight.forcing import TWO_PI, force_ahead, negative_arc, phase_at, versines
 from rattle.numerics.compile import inline, kernel
 
-ENDS, LASTS, STAYS, TOO_LONG = range(4)  # it ends; it lasts to the horizon; it never ends; not told within LONGEST
-LONGEST = 1000.0  # forcing periods, beside DECAYS times the time in which a free motion decays by e
+# the contact ends; it lasts to the horizon; it never ends; undecided within LONGEST
+ENDS, LASTS, STAYS, TOO_LONG = range(4)
+LONGEST = 1000.0  # longest search, in forcing periods, besides DECAYS decay times of a free motion
 DECAYS = 100.0
-SHORT = 0.5  # (δ + √(2κ)) s below which S is a Taylor series
+SHORT = 0.5  # value of (δ + √(2κ)) s below which S is computed by a Taylor series
 TERMS = 16
-SAFE = 0.999  # of a time in which contact is certain
+SAFE = 0.999  # share of the certain contact time that the search skips
 
 
 class Contact(NamedTuple):
-    """Terms of x of one contact."""
+    """Terms of the depth x of one contact."""
 
-    x0: float  # depth and outward velocity at its beginning
+    x0: float  # depth at the beginning; w0 is the outward velocity there
     w0: float
-    mean: float  # of h = mean + a cos 2πs + b sin 2πs
+    mean: float  # the force is h = mean + a cos 2πs + b sin 2πs
     a: float
     b: float
     delta: float
@@ -36,7 +40,7 @@ class Contact(NamedTuple):
 
 @inline
 def responses(s, delta, kappa):
-    """S, 1 − C and s − S after s, none with cancellation: over-, near-critically and underdamped contact alike."""
+    """Return S, 1 − C and s − S at the time s without cancellation, for any damping."""
     stiffness = 2.0 * kappa
     if (abs(delta) + math.sqrt(stiffness)) * s < SHORT:
         last, term, total, lost, defect = 0.0, s, s, 0.5 * stiffness * s * s, 0.0
@@ -67,7 +71,7 @@ def responses(s, delta, kappa):
 
 @inline
 def compliance(delta, kappa):
-    """Return a/D and B/D, by which cos 2πs makes the depth (A cos 2πs + B sin 2πs)/D, and 1/√D."""
+    """Return A/D, B/D and 1/√D, where cos 2πs causes the steady depth (A cos 2πs + B sin 2πs)/D."""
     a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
     size = math.hypot(a, b)
     return a / size / size, b / size / size, 1.0 / size
@@ -75,7 +79,7 @@ def compliance(delta, kappa):
 
 @inline
 def driven(s, delta, kappa):
-    """S and 1 − C after s, the depth and velocity that cos 2πs and sin 2πs make by then, and 1 − cos 2πs, sin 2πs."""
+    """Return S, 1 − C, depth and velocity due to cos 2πs and to sin 2πs, 1 − cos 2πs and sin 2πs at the time s."""
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
@@ -88,7 +92,7 @@ def driven(s, delta, kappa):
 
 @inline
 def contact_depth(s, contact):
-    """Return x, x' and h after s, with S, 1 − C there."""
+    """Return x, x' and h at the time s, with S and 1 − C."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     stiffness = 2.0 * kappa
@@ -99,7 +103,7 @@ def contact_depth(s, contact):
 
 @inline
 def steady(s, contact):
-    """Return x and x' of permanent contact after s: the periodic solution."""
+    """Return x and x' of the periodic solution, permanent contact, at the time s."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
@@ -110,13 +114,13 @@ def steady(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """Return u'/u at s from the middle of a piece, of a free motion u that is positive on it.
+    """Return u'/u at s from the middle of a piece, for a free motion u that is positive on the piece.
 
-    u is even but for e^(−δs/2).
+    u is even except for the factor e^(−δs/2).
 
     Returns
     -------
-    result
+    float
         The logarithmic rate.
     """
     if square > 0.0:
@@ -126,9 +130,9 @@ def log_rate(s, delta, square, rate):
 
 @kernel
 def turn_in(lo, hi, middle, contact):
-    """Return the zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
+    """Return the zero in (lo, hi) of q = x' − x u'/u, which changes sign once: an extremum of x/u.
 
-    q' = h − (δ + u'/u) q.
+    q obeys q' = h − (δ + u'/u) q.
 
     Returns
     -------
@@ -164,7 +168,7 @@ def turn_in(lo, hi, middle, contact):
 
 @kernel
 def fall_in(lo, hi, contact):
-    """Return the zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
+    """Return the only zero of x in (lo, hi), where x falls, by Newton steps inside a shrinking bracket."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
         x, v, h, _s, _l = contact_depth(s, contact)
@@ -188,14 +192,14 @@ def fall_in(lo, hi, contact):
 
 @kernel
 def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
-    """Follow a contact from phase tau with depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
+    """Follow a contact from phase tau, depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
 
     If x0 is 0 the motion must press on the wall.
 
     Returns
     -------
     tuple
-        (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C).
+        (ENDS, LASTS, STAYS or TOO_LONG; time; x and x' there; S; 1 − C).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
@@ -206,19 +210,19 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     longest = PIECE if square >= 0.0 else min(PIECE, 0.75 * math.pi / rate)
     slow = 0.5 * abs(delta) if square <= 0.0 else 2.0 * kappa / (0.5 * abs(delta) + rate)
     latest = LONGEST + DECAYS / slow
-    swing = math.hypot(a, b) * compliance(delta, kappa)[2]  # of the depth in permanent contact
+    swing = math.hypot(a, b) * compliance(delta, kappa)[2]  # amplitude of the depth in permanent contact
     least = mean / (2.0 * kappa) - swing
     s, x, v = 0.0, x0, w0
     while s < horizon:
         rest, rest_v = steady(s, contact)
-        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # from here on |x − rest| is below it
-        if delta < 0.0:  # backwards it grows without end
+        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # upper bound of |x − rest| from here on
+        if delta < 0.0:  # backwards in time the difference grows without bound
             reach = math.inf
         if reach < SAFE * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0
         if s > latest:
             break
-        room = SAFE * rest - reach  # the depth of rest falls at 2π swing at most
+        room = SAFE * rest - reach  # the steady depth falls at a rate of at most 2π times its amplitude
         ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:
             s = min(s + ahead, horizon)

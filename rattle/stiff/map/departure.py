@@ -1,4 +1,4 @@
-"""The end of the next contact with Σ⁺ that any state of the motion leads to."""
+"""The next departure from Σ⁺ of any state of the stiff gear."""
 
 import math
 
@@ -11,7 +11,7 @@ from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, departs, piece
 def departure(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
-    """Return the departure of `rattle.stiff.StiffGear.departure`; tau ∈ [0, 1)."""
+    """Return the result of `rattle.stiff.StiffGear.departure` for tau ∈ [0, 1)."""
     wall, x, w = GAP, position, velocity
     if abs(position) >= beta:
         wall, x = (SIGMA_PLUS if position > 0.0 else SIGMA_MINUS), abs(position) - beta

@@ -1,9 +1,9 @@
-"""The flow of the stiff gear: free flights and contacts in turn, with its exact tangent map (compiled).
+"""The flow of the stiff gear, free flights and contacts in turn, with its exact tangent map (compiled).
 
-The vector field is continuous, so the tangent map of a motion is the product of those of its pieces, whose determinant
-is e^(−δs). With −δ for δ and −τ for τ the pieces run backwards in time. On the way a state is (wall, position, w): in
-contact the wall and the depth beyond it outwards, in the gap wall 0 and Φ. A tangent map (j00, j01, j10, j11) is
-∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times.
+The vector field is continuous, so the tangent map of a motion is the product of those of its pieces, each with
+determinant e^(−δs). With −δ and −τ the pieces run backwards in time. A state is (wall, position, w): in contact the
+wall and the depth beyond it, in the gap wall 0 and Φ. A tangent map (j00, j01, j10, j11) is ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
+fixed times.
 """
 
 import math
@@ -17,8 +17,8 @@ from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS
-QUIET, STUCK = 3, 4  # beside OK: contact that never ends; a motion that cannot be followed farther
-MOST_PIECES = 1_000_000  # of one call
+QUIET, STUCK = 3, 4  # further status codes: contact that never ends; a motion that cannot be followed farther
+MOST_PIECES = 1_000_000  # most flights and contacts of one call
 _MAP = 4 * (float64,)
 _PIECE = Tuple((int64, float64, int64, *2 * (float64,), boolean, *_MAP))(int64, *8 * (float64,))
 _DEPARTURE = Tuple((int64, *3 * (float64,), int64, *_MAP))(*6 * (float64,))
@@ -33,7 +33,7 @@ def outward_force(wall, tau, delta, epsilon):
 
 @inline
 def departs(wall, tau, position, w, delta, epsilon):
-    """Return whether a motion in contact has come to its end: at depth 0 it moves, or is drawn, away from the wall."""
+    """Return whether a contact has ended: at depth 0 the motion moves, or is pulled, away from the wall."""
     if position != 0.0 or wall * w > 0.0:
         return False
     return wall * w < 0.0 or not outward_force(wall, tau, delta, epsilon) > 0.0
@@ -41,15 +41,15 @@ def departs(wall, tau, position, w, delta, epsilon):
 
 @inline
 def multiplied(a00, a01, a10, a11, b00, b01, b10, b11):
-    """Return the matrix product a b."""
+    """Return the matrix product of a and b."""
     return a00 * b00 + a01 * b10, a00 * b01 + a01 * b11, a10 * b00 + a11 * b10, a10 * b01 + a11 * b11
 
 
 @kernel
 def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
-    """Return a free flight to the next wall or the horizon.
+    """Return a free flight to the next wall or to the horizon.
 
-    It starts in the gap, or on a wall (given, with velocity into the gap).
+    The flight starts in the gap, or on the given wall with velocity into the gap.
 
     Returns
     -------
@@ -76,14 +76,14 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
 
 @kernel
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
-    """Return the next piece of a motion, to where it leaves it or to the horizon.
+    """Return the next flight or contact, to its end or to the horizon.
 
     A motion with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
 
     Returns
     -------
     tuple
-        (status, time, wall and position and w after it, whether it has left a contact, its tangent map).
+        (status, time, then wall, position and w, whether a contact has ended, its tangent map).
     """
     leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
     if wall == GAP or leaves:
@@ -128,9 +128,9 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
 
 @kernel
 def next_departure(tau, v, delta, epsilon, beta, kappa):
-    """Return the return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
+    """Return the return map Π of a departure (τ, v) from Σ⁺, to the next departure from Σ⁺.
 
-    Status QUIET: the contact with Σ⁺ at its end lasts for ever; τ', v' are then phase and speed of the last departure.
+    With the status QUIET the last contact with Σ⁺ never ends; τ' and v' are then those of the last departure.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
     """
     j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
     wall, position, w = SIGMA_PLUS, 0.0, -v
-    begun = False  # a contact with Σ⁺
+    begun = False  # whether a contact with Σ⁺ has begun
     for _ in range(MOST_PIECES):
         phase = folded(tau + time)
         if (
@@ -166,7 +166,8 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
 def bounced(wall, tau, w, delta, epsilon, beta, kappa):
     """Return the flight and the contact from a departure to the next one, from either wall.
 
-    In the contact x'' + δx' + 2κx = h from depth 0 to depth 0: the impulse ∫ 2κx is both speeds and ∫ h.
+    In the contact x'' + δx' + 2κx = h holds from depth 0 to depth 0. Its impulse ∫ 2κx is therefore the sum of both
+    speeds and ∫ h.
 
     Returns
     -------
@@ -194,12 +195,12 @@ def bounced(wall, tau, w, delta, epsilon, beta, kappa):
 
 @kernel
 def preceding(tau, v, delta, epsilon, beta, kappa):
-    """Return Π⁻¹ by running time backwards, first through the contact that this departure ends.
+    """Return Π⁻¹ by reversed time, first through the contact that this departure ends.
 
     Returns
     -------
     tuple
-        (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
+        (status, τ, v, time, contacts with Σ⁻); STUCK where the motion has been in contact for ever.
     """
     wall, position, w, time, n_minus = SIGMA_PLUS, 0.0, v, 0.0, 0
     for _ in range(MOST_PIECES):

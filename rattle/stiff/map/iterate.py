@@ -1,4 +1,4 @@
-"""The return map of the stiff gear on whole arrays: every element its own trajectory and its own parameters."""
+"""The return map of the stiff gear on whole arrays; each element has its own trajectory and parameters."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
 @kernel
 def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
-    """Π^n of flat arrays in place; quiet: 1 where contact never ends after n_plus < n returns, which keeps its state.
+    """Replace flat arrays of states by Π^n of them; quiet is 1 where contact never ends after n_plus < n returns.
 
-    n_plus and n_minus count the contacts with each wall.
+    A state whose contact never ends is kept. n_plus and n_minus count the contacts with each wall.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
@@ -33,7 +33,7 @@ def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
 
 @kernel
 def returned_stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
-    """Do `returned` with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+    """Do the work of `returned` with a tangent vector in (t, v²/2); growth (3, k) sums time, ln stretch and ln|det|."""
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
         x, y = 1.0, 0.0
@@ -64,8 +64,7 @@ def iterate(
 ) -> Iterates:
     """Return Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast.
 
-    All are dimensionless. As in `rattle.iterate`, the last state is kept where contact with Σ⁺ never ends after fewer
-    returns.
+    All values are dimensionless. A trajectory whose contact with Σ⁺ never ends keeps its last state and has n_plus < n.
 
     Returns
     -------
@@ -94,9 +93,7 @@ def iterate_tangent(
 ) -> Stretched:
     """Return `iterate` with both Lyapunov exponents over the n returns.
 
-    See `rattle.iterate_tangent`, in its coordinates.
-
-    NaN where no return is made.
+    The coordinates are those of `rattle.iterate_tangent`. Exponents are NaN where no return is made.
 
     Returns
     -------

@@ -1,8 +1,11 @@
 """Quiet motion of the stiff gear: permanent contact with Σ⁺, a periodic solution of a linear equation.
 
-x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt) with D = (2κ − 4π²)² + (2πδ)², P = −4π² (2κ − 4π² − δ²)/D, Q = −4πδκ/D, for
-the forcing of one cosine. It is motion of the gear while x ≥ 0, so exactly for ε ≤ 2πδ/(κ √(P² + Q²)), and then it
-attracts.
+For the forcing of one cosine the depth is
+
+    x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt),
+    D = (2κ − 4π²)² + (2πδ)²,    P = −4π² (2κ − 4π² − δ²)/D,    Q = −4πδκ/D.
+
+The gear moves so if x ≥ 0 at all times, which holds if and only if ε ≤ 2πδ/(κ √(P² + Q²)). The motion then attracts.
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
     except ParameterError:
         raise
     except ValueError as error:
-        raise ParameterError(f"delta and kappa must broadcast: {error}") from None
+        raise ParameterError(f"the shapes of delta and kappa do not broadcast: {error}") from None
     for name, array in (("delta", d), ("kappa", k)):
         require(bool(np.all(np.isfinite(array) & (array > 0))), f"{name} must be finite and greater than 0")
     return d / k * np.hypot(2.0 * k - TWO_PI**2, TWO_PI * d) / np.hypot(TWO_PI, d)
@@ -43,7 +46,7 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
 def quiet_depth(
     delta: float, epsilon: float, kappa: float, time: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Depth x = Φ − β and velocity of permanent contact with Σ⁺ at times in forcing periods (any shape)."""
+    """Return depth x = Φ − β and velocity of permanent contact with Σ⁺ at times in forcing periods (any shape)."""
     a, b = 2.0 * kappa - TWO_PI**2, TWO_PI * delta
     size = np.hypot(a, b)
     p = -(TWO_PI**2) * ((a - delta**2) / size) / size
@@ -54,5 +57,5 @@ def quiet_depth(
 
 
 def rests_late(delta: NDArray[np.float64], *_: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Never (n,): contact that does not end is seen when it begins."""
+    """Return False (n,), because endless contact is recognised when it begins."""
     return np.zeros(delta.size, np.bool_)

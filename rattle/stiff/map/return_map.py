@@ -16,7 +16,7 @@ from rattle.stiff.map.flow import bounced, next_departure, outward_force, preced
 
 
 class StiffPoint(NamedTuple):
-    """A parameter point."""
+    """A parameter point of the stiff gear."""
 
     delta: float
     epsilon: float
@@ -26,13 +26,13 @@ class StiffPoint(NamedTuple):
 
 @kernel
 def acceleration(tau, w, point):
-    """Φ'' on Σ⁺, where the contact exerts no force yet."""
+    """Return Φ'' on Σ⁺, where the depth and so the wall's force are 0."""
     return outward_force(SIGMA_PLUS, tau, point.delta, point.epsilon) - point.delta * w
 
 
 @kernel
 def step(tau, v, point):
-    """Π: (status, τ', v', time, contacts with Σ⁻)."""
+    """Return Π(τ, v): (status, τ', v', time, contacts with Σ⁻)."""
     status, tau1, v1, time, n_minus, _a, _b, _c, _d = next_departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa
     )
@@ -41,13 +41,14 @@ def step(tau, v, point):
 
 @kernel
 def step_tangent(tau, v, point):
-    """Return Π with its tangent.
+    """Return Π(τ, v) with its tangent.
 
-    A change (dτ, dv) of the departure is (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ; likewise at the next one.
+    A change (dτ, dv) of the departure is the change (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ, and likewise at the next
+    departure.
 
     Returns
     -------
-    result
+    tuple
         (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
     """
     status, tau1, v1, time, n_minus, j00, j01, j10, j11 = next_departure(

@@ -1,4 +1,4 @@
-"""The motion Φ(t) of the stiff gear, sampled in closed form on the way from contact to contact."""
+"""The motion Φ(t) of the stiff gear, sampled in closed form on each piece from contact to contact."""
 
 import math
 
@@ -11,14 +11,14 @@ from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, piece
 
 @kernel
 def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_time, contact_wall, contact_speed):
-    """Write Φ and Φ' at rising times, and the contacts begun until the last of them.
+    """Write Φ and Φ' at rising times, and the contacts that begin until the last of these times.
 
-    Contacts beyond the room for them are counted, not written.
+    Contacts beyond the length of the arrays are counted but not written.
 
     Returns
     -------
-    result
-        (status, their number, rest).
+    tuple
+        (status, number of contacts, rest).
     """
     wall, position, w, now, i, contacts, rest = SIGMA_PLUS, 0.0, -v, 0.0, 0, 0, math.inf
     for _ in range(MOST_PIECES):

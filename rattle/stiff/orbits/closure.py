@@ -1,10 +1,12 @@
-"""The closure of a periodic motion of the stiff gear with all derivatives, and whether it is admissible (compiled).
+"""The closure of one periodic motion of the stiff gear with all derivatives, and its admissibility (compiled).
 
-As `rattle.stiff.orbits.equations` at one δ, β and κ: unknowns y = (times at which the contacts begin, durations σ in
-units of p = 1/√(2κ), ε), 2c + 1 of them for c contacts; the equations say that every contact, entered with the velocity
-of the flight before, is over after pσ, and ends with the velocity of the flight after. Those there are of a batch,
-complex for exact derivatives, and analytic in p down to 0; these are one motion's, real, in κ as a flow has it.
-Tests hold both to the same complex steps.
+The equations are those of `rattle.stiff.orbits.equations` at one δ, β and κ. For c contacts there are 2c + 1 unknowns
+y: the times at which the contacts begin, their durations σ in units of p = 1/√(2κ), and ε. Every contact begins with
+the velocity of the flight before. The equations state that it is over after pσ and ends with the velocity of the flight
+after it.
+
+That module treats batches, complex numbers for exact derivatives, and p down to 0. This one treats one real motion at
+finite κ. Tests compare both with the same complex steps.
 """
 
 import math
@@ -27,14 +29,14 @@ from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, contact_end, driven, responses
 
-SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
-LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²
-GRAZING = 1e-6  # with a lower speed, in its unit, rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of a grazing one
+SAME_TIME = 1e-6  # largest difference of durations that counts as the same flight or contact
+LEAST_CONTACT = 1e-6  # shortest contact, in σ; a shorter one is a graze (σ = 0), where a branch turns in σ²
+GRAZING = 1e-6  # speed, in its unit, below which rounding decides whether a flight meets a wall
+SAME_END = 1e-9  # further tolerance at the end of a contact, for the error of a grazing solution
 
 
 class Cycle(NamedTuple):
-    """Shared data of all motions of a family: the walls (c,) in their order, Σ⁺ first, and the forcing periods."""
+    """The data that all motions of a family share: walls (c,) in order, Σ⁺ first; forcing periods; δ, β and κ."""
 
     walls: Any
     m: int
@@ -49,7 +51,7 @@ def softness(kappa: float) -> float:
 
 
 class Ends(NamedTuple):
-    """Velocities at both ends of a flight; derivatives are named as in w0_t1 = ∂w₀/∂t₁, those by ε end in _e."""
+    """Velocities at both ends of a flight, with derivatives: w0_t1 = ∂w₀/∂t₁; names with _e are derivatives by ε."""
 
     w0: float
     w1: float
@@ -62,7 +64,7 @@ class Ends(NamedTuple):
 
 
 class Exit(NamedTuple):
-    """Depth and outward velocity at the end of a contact; derivatives by u and t at its beginning, its time and ε."""
+    """Depth and outward velocity at the end of a contact, with derivatives by u, t (of its beginning), s and ε."""
 
     x: float
     v: float
@@ -72,17 +74,17 @@ class Exit(NamedTuple):
     v_u: float
     v_t: float
     v_e: float
-    v_s: float  # that of x is v
+    v_s: float  # the derivative of x by s is v itself
 
 
 @inline
 def free_flight(t0, t1, gap, delta, epsilon):
-    """Return the ends of a flight over a distance (paper 3.1, 3.2)."""
+    """Return the velocities at the ends of a flight over the distance gap, with derivatives (paper 3.1, 3.2)."""
     s = t1 - t0
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
-    lag = 1.0 - s * pull  # the drift's part of w₀, over 4π
-    if x < LONGEST_DECAY:  # without cancellation
+    lag = 1.0 - s * pull  # the contribution of the drift to w₀, divided by 4π
+    if x < LONGEST_DECAY:  # a form without cancellation
         k = x * decay64(x)
         lag = -k / (1.0 - k)
     (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
@@ -105,7 +107,7 @@ def free_flight(t0, t1, gap, delta, epsilon):
 
 @inline
 def contact(wall, t, u, s, delta, epsilon, kappa):
-    """Return the end, after s, of a contact that begins at time t with outward velocity u."""
+    """Return the end, after the time s, of a contact that begins at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     sin0, cos0 = library_phase(t)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
@@ -129,7 +131,7 @@ def contact(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def follower(i, y, cycle):
-    """Return the flight after contact i: number of the next contact, departure and arrival, and the distance."""
+    """Return the flight after contact i: number of the next contact, times of departure and arrival, distance."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m
@@ -141,18 +143,18 @@ def follower(i, y, cycle):
 def closure(y, cycle, value, jacobian):
     """Write R (2c,) and ∂R/∂y (2c, 2c + 1).
 
-    Depths over pσ at the ends of the contacts, then jumps of velocity there.
+    The first c equations are the depths over pσ at the ends of contacts, the others the jumps of velocity there.
 
     Returns
     -------
-    result
-        False where a flight would take no time.
+    bool
+        False if a flight has no duration.
     """
     c, delta, epsilon, kappa = cycle.walls.size, cycle.delta, y[2 * cycle.walls.size], cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
     value[:] = 0.0
     jacobian[:] = 0.0
-    for i in range(c):  # flight i ends contact i and begins the one after
+    for i in range(c):  # flight i leads from contact i to the next one
         after, t0, t1, gap = follower(i, y, cycle)
         if not t1 > t0:
             return False
@@ -212,13 +214,13 @@ def trace_of_solution(y, cycle):
 
 @kernel
 def failing_piece(y, cycle):
-    """Return the first flight or contact of a solution that ends elsewhere than the equations say.
+    """Return the first flight or contact of a solution that does not end where the equations say.
 
     Returns
     -------
     tuple
-        Its number, whether it is a contact, the wall and the time at which it ends instead; wall 0 if it does not even
-        begin, number −1 if there is none and the motion is admissible.
+        Its number, whether it is a contact, and the wall and time at which it ends instead. Wall 0 if it cannot begin;
+        number −1 if the motion is admissible.
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -253,7 +255,7 @@ def is_admissible(y, cycle):
 
 @kernel
 def struck(y, cycle):
-    """Return when the flight of a P(1,1,0) meets Σ⁻ on its way, NaN if it does not."""
+    """Return when the flight of a P(1,1,0) meets Σ⁻, NaN if it does not."""
     _after, t0, t1, gap = follower(0, y, cycle)
     w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:
@@ -266,6 +268,6 @@ def struck(y, cycle):
 
 @kernel
 def departure_of(y, cycle):
-    """Phase and speed of the departure from Σ⁺ at the end of the first contact."""
+    """Return phase and speed of the departure from Σ⁺ at the end of the first contact."""
     _after, t0, t1, gap = follower(0, y, cycle)
     return folded(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

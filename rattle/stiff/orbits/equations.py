@@ -1,15 +1,15 @@
 """A periodic motion of the stiff gear as the times and durations of its contacts: equations smooth down to κ = ∞.
 
-Contact i begins at time t_i with outward velocity u_i and lasts pσ_i, with p = 1/√(2κ); then a flight leads to the next
-wall. Given these times the flights have their velocities in closed form (`rattle.impacting.orbits.equations`), and two
-equations say that the contact fits in: its depth at the end, over pσ_i, is 0, and its velocity there is that of the
-flight:
+Contact i begins at time t_i with outward velocity u_i and lasts pσ_i, with p = 1/√(2κ). A flight then leads to the next
+wall. These times determine the velocities of the flights in closed form (`rattle.impacting.orbits.equations`). For each
+contact two equations remain: its final depth divided by pσ_i is 0, and its final velocity is that of the next flight,
 
-    u Ŝ/σ + p (response to the force)/σ = 0,        u (cos-like) + p (…) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν.
+    u Ŝ/σ + p (response to the force)/σ = 0,
+    u (dŜ/dσ) + p (response to the force) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν.
 
-At p = 0 they read sin σ = 0, so σ = π, and w₀ = −u: the elastic impact. So any motion of the impacting model is a
-solution at p = 0, and everything is analytic in p there: it differs by O(κ^(−1/2)). At σ = 0 the motion grazes, and
-goes on smoothly beyond, where it is virtual. Complex arguments carry exact derivatives.
+At p = 0 they are sin σ = 0, so σ = π, and w₀ = −u, which is the elastic impact. So any motion of the impacting model is
+a solution at p = 0. All is analytic in p there, so the motions differ by O(κ^(−1/2)). At σ = 0 the motion grazes, and
+the solution continues smoothly beyond, where it is virtual. Complex arguments carry exact derivatives.
 """
 
 import math
@@ -41,7 +41,7 @@ TERMS = 16
 
 @inline
 def free_responses(duration, loss):
-    """Ŝ, 1 − C and σ − Ŝ after σ, with δp = loss; small durations by Taylor series, whose derivatives stay exact."""
+    """Return Ŝ, 1 − C and σ − Ŝ at σ, with loss = δp. Small σ use Taylor series, whose derivatives stay exact."""
     if abs(duration) * (1.0 + abs(loss)) < SMALL:
         last, term = 0.0 * duration, duration
         series, integral, rest = term, 0.5 * duration * duration, 0.0 * duration
@@ -73,12 +73,12 @@ def sine_defect(z):
 
 @inline
 def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
-    """Return a contact entered with outward velocity u, by its depth over p and outward velocity at its end.
+    """Return depth over p and outward velocity at the end of a contact that begins with outward velocity u.
 
     Returns
     -------
     tuple
-        x, v, x_u, v_u, x_t, v_t (by the time of the beginning), v_σ; the derivative of x by σ is v.
+        x, v, x_u, v_u, x_t, v_t (t is the time of the beginning), v_σ; the derivative of x by σ is v.
     """
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration
@@ -109,9 +109,7 @@ def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
 
 @kernel
 def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """Return the flights, R, and J(λ) if requested, of motions x (k, 2c + 2).
-
-    The motions meet the walls `signs` (c,), at p (k,).
+    """Return the flights, R, and J(λ) if wanted, of motions x (k, 2c + 2) that meet the walls `signs` (c,), at p (k,).
 
     Returns
     -------
@@ -165,7 +163,7 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
 
 @dataclass(frozen=True)
 class StiffItinerary(Equations):
-    """Walls that a motion of the stiff gear meets, its forcing periods, the half-backlash, and p = 1/√(2κ).
+    """The walls of a motion of the stiff gear, its forcing periods, the half-backlash, and p = 1/√(2κ).
 
     p is 0 for the impacting model.
     """
@@ -174,23 +172,23 @@ class StiffItinerary(Equations):
 
     @property
     def contacts(self) -> int:
-        """Contacts c per period."""
+        """Number c of contacts per period."""
         return len(self.walls)
 
     @property
     def n(self) -> int:
-        """Unknowns: times and durations σ of the contacts."""
+        """Number of unknown times and durations σ, 2c."""
         return 2 * self.contacts
 
     @cached_property
     def signs(self) -> Array:
-        """The walls (c,)."""
+        """Walls (c,) as ±1."""
         return np.asarray(self.walls, np.float64)
 
     def _solved(
         self, x: NDArray, p: NDArray | float, multiplier: complex = 1.0, *, with_matrix: bool = False
     ) -> tuple[NDArray, ...]:
-        """Flights (6, …, c), R (…, 2c) and J(λ) (…, 2c, 2c), if asked for, at p, one or (…, 1)."""
+        """Return flights (6, …, c), R (…, 2c), and J(λ) (…, 2c, 2c) if wanted, at p (a number, or (…, 1))."""
         batch = batch_of(x)
         softness = np.empty(len(batch), np.complex128)
         softness[:] = np.ravel(p)
@@ -200,22 +198,22 @@ class StiffItinerary(Equations):
         return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray, p: NDArray) -> Flights:
-        """Flight i leads from contact i to contact i + 1; x (…, 2c + 2): times, durations σ, δ, ε; p (…, 1)."""
+        """Return the flights. Flight i leads from contact i to i + 1. x (…, 2c + 2): times, σ, δ, ε; p (…, 1)."""
         return Flights(*self._solved(x, p)[0])
 
     def residual_at(self, x: NDArray, p: NDArray) -> NDArray:
-        """R (…, 2c): depths over σ, then velocities, at another p (…, 1) than the own one; x is complex if p is."""
+        """Return R (…, 2c), depths over σ and then velocities, at another p (…, 1). x must be complex if p is."""
         return self._solved(x, p)[1]
 
     def residual(self, x: NDArray) -> NDArray:
-        """R (…, 2c): zero where every contact fits between its flights."""
+        """Return R (…, 2c), which is 0 where every contact joins its flights."""
         return self._solved(x, self.softness)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ) = ∂R/∂(times, σ) (…, 2c, 2c), from the same flights and contacts."""
+        """Return R and J(λ) = ∂R/∂(times, σ) (…, 2c, 2c) from the same flights and contacts."""
         _, residual, matrix = self._solved(x, self.softness, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """R (…, 2c + 1), and after it the duration σ of a contact."""
+        """Return R followed by the duration σ of one contact, (…, 2c + 1)."""
         return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)

@@ -1,10 +1,10 @@
 """The families of periodic motions P(1,1,0) and P(1,1,1) of the stiff gear in ε, and the counterparts of A–D on them.
 
-A family is followed as a whole, through stretches where its motions do not happen, and so are all families that start
-from: P(1,1,0) at every duration of its contact, for which it is explicit (linear in ε cos 2πt and ε sin 2πt); P(1,1,1)
-by Newton's method from its impacting limit at every time from Σ⁺ to Σ⁻, explicit likewise, and from every graze of a
-P(1,1,0): starts that hold for the forcing of one cosine. A letter is a stretch between folds: A, SN1, C, (graze, fold
-at G1), B, SN2, D, (fold at G2, graze), A.
+A family is followed as a whole, also where its motions are virtual. P(1,1,0) starts at every duration of its contact,
+for which the equations are linear in ε cos 2πt and ε sin 2πt. P(1,1,1) starts with Newton's method from the impacting
+limit, which is explicit too, at every time from Σ⁺ to Σ⁻, and from every graze of a P(1,1,0). These starts hold for a
+forcing of one cosine. A letter belongs to a part of a family between folds: A, SN1, C, (graze, fold at G1), B, SN2, D,
+(fold at G2, graze), A.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,17 +44,17 @@ from rattle.stiff.orbits.family_continuation import (
     place,
 )
 
-SLOW = "P"  # a P(1,1,0) beside A and C: it has no counterpart in the impacting model
+SLOW = "P"  # a P(1,1,0) other than A and C, without a counterpart in the impacting model
 PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])
-DURATIONS = 600  # of the contact, for P(1,1,0)
-TIMES = 40  # on either side of 1/2, the pole of the impacting family, from Σ⁺ to Σ⁻, for P(1,1,1)
-LEAST_SPAN = 1.0  # of ε, of the scale of the plane
-SLIGHT = 10.0 * LEAST_CONTACT  # σ of a contact with which families begin at a graze
+DURATIONS = 600  # durations of the contact at which P(1,1,0) is started
+TIMES = 40  # times from Σ⁺ to Σ⁻, on either side of the pole at 1/2, at which P(1,1,1) is started
+LEAST_SPAN = 1.0  # least range of ε of a family, in units of the scale of the plane
+SLIGHT = 10.0 * LEAST_CONTACT  # σ of the slight contact with which families start at a graze
 BISECTIONS = 45
 
 
 class Member(NamedTuple):
-    """A motion of a family, with the letter of its stretch: unknowns as in `rattle.stiff.orbits.closure`."""
+    """A motion of a family: its unknowns y as in `rattle.stiff.orbits.closure`, and the letter of its part."""
 
     name: str
     cycle: Cycle
@@ -63,7 +63,7 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True)
 class StiffFamily:
-    """Points (k, 2c + 1) of a family in their order, the folds in ε among them; letters of the stretches between."""
+    """A family: points (k, 2c + 1) in order, its folds in ε among them, and the letter of each part between folds."""
 
     cycle: Cycle
     points: Array
@@ -73,7 +73,7 @@ class StiffFamily:
 
     @property
     def saddles(self) -> list[bool]:
-        """Flags of the stretches whose motions are saddles with a multiplier above 1."""
+        """Flags of the parts whose motions are saddles with a multiplier above 1."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -84,12 +84,12 @@ class StiffFamily:
 
     @property
     def breaks(self) -> list[Array]:
-        """The motions that happen where it could not be followed on, or anywhere if a fold of it was lost."""
+        """Admissible motions at which the family could not be continued, or any if one of its folds was lost."""
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
     def at(self, epsilon: float) -> list[Member]:
-        """Return the motions of this eccentricity that happen. Raises RattleError where one is lost."""
+        """Return the admissible motions at this eccentricity. Raises RattleError where one is lost."""
         found, y = [], np.empty(self.points.shape[1])
         for k in sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
@@ -105,12 +105,12 @@ class StiffFamily:
 
 
 def sign_changes(values: Array) -> list[int]:
-    """Return the numbers of the points before a function changes sign."""
+    """Return the numbers of the points before which a function changes sign."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
 
 def lost(cycle: Cycle, epsilon: float) -> RattleError:
-    """Return the error for a family that breaks off while its motions happen: the part beyond would be missing."""
+    """Return the error for a family that breaks off among admissible motions, so that others would be missing."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
         f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
@@ -118,13 +118,13 @@ def lost(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε to which families are followed for a point: it depends on the point alone."""
+    """Return the largest ε to which the families of a point are followed; it depends on the point alone."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
 def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
-    """Return the family through a solution, both ways to its ends."""
+    """Return the family through a solution, in both directions to its ends."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
     k, on = follow_family(y, direction, cycle, span, room)
@@ -140,10 +140,10 @@ def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
 
 
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
-    """Return the motions whose contacts begin at times `offset` and last pσ `duration`, both (k, c).
+    """Return the motions whose contacts begin at times `offset` and last p · `duration`, both (k, c).
 
-    Times are after the first one's. All equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the
-    sense of least squares.
+    Times are relative to the first one. All equations are linear in ε cos 2πt and ε sin 2πt. The solution is exact for
+    c = 1, else a least-squares solution.
 
     Returns
     -------
@@ -167,9 +167,9 @@ def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _at_sn1(cycle: Cycle) -> Array | None:
-    """Near the fold of P(1,1,0) at SN1: unknowns (3,). Others have contacts that swing more than once: σ beyond 2π."""
+    """Return unknowns (3,) near the fold of P(1,1,0) at SN1, excluding contacts that swing more than once (σ > 2π)."""
     p = softness(cycle.kappa)
-    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p times force over speed
+    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p · force / speed
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
     found = explicit(cycle, np.zeros((duration.size, 1)), duration[:, None])
@@ -195,7 +195,7 @@ def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
 
 
 def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
-    """Return the families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
+    """Return the families of P(1,1,0) other than that of A and C, from admissible motions on a grid of durations."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
@@ -205,13 +205,13 @@ def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
             continue
         if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held_orbits(guess, (*known, *found)):
             family = family_through(guess, cycle, span)
-            if not family.breaks:  # where contact lasts nearly all the time, equations are nearly singular
+            if not family.breaks:  # the equations are almost singular where contact lasts almost the whole period
                 found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
     return found
 
 
 def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
-    """Return the families of P(1,1,1); plus: those of P(1,1,0)."""
+    """Return the families of P(1,1,1); `plus` are those of P(1,1,0)."""
     found: list[StiffFamily] = []
     for guess, constraint in _starts(cycle, plus):
         y = guess.copy()
@@ -221,7 +221,7 @@ def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[S
 
 
 def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Guesses of P(1,1,1), and the row of Newton's equations that says what they are to keep."""
+    """Return guesses of P(1,1,1), and the row of Newton's equations that fixes the position on the family."""
     p = softness(cycle.kappa)
     for family in plus:
         for y in family_grazes(family):
@@ -235,7 +235,7 @@ def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, 
 
 
 def family_grazes(family: StiffFamily) -> list[Array]:
-    """P(1,1,1) with a slight contact with Σ⁻, near where the flights of a family of P(1,1,0) begin to meet it."""
+    """Return P(1,1,1) with a slight contact with Σ⁻, near grazes of a family of P(1,1,0)."""
     cycle, found = family.cycle, []
     meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
     for i in np.flatnonzero(meets[:-1] != meets[1:]).tolist():
@@ -252,13 +252,13 @@ def family_grazes(family: StiffFamily) -> list[Array]:
 def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
-    Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter the stretch shares; but a C that never
+    Where it loses its contact with Σ⁻ it continues as a P(1,1,0), whose letter the part shares. But a C that never
     folds back to B is D, as beyond COD23.
 
     Returns
     -------
     tuple[str, ...]
-        One letter, A to D, for each stretch.
+        One letter, A to D, for each part.
     """
     saddles = family.saddles
     names = ["B" if saddle else "D" for saddle in saddles]
@@ -273,7 +273,7 @@ def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...
 
 
 def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) that a family of P(1,1,1) becomes where its contact with Σ⁻ is lost."""
+    """Return the letter of the P(1,1,0) as which a family of P(1,1,1) continues where it loses its contact with Σ⁻."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""
@@ -285,7 +285,7 @@ def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
 
 
 def held_orbits(y: Array, families: Sequence[StiffFamily]) -> bool:
-    """Return whether a solution is on one of these families."""
+    """Return whether a solution lies on one of these families."""
     return any(place(family.points, y, family.cycle) >= 0 for family in families)
 
 
@@ -301,7 +301,7 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
     Raises
     ------
     RattleError
-        Where one breaks off.
+        If a family breaks off.
     """
     plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
     found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
@@ -313,7 +313,7 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
-    """Return the counterparts of A–D that happen at one point, and slow motions of their families.
+    """Return the admissible counterparts of A–D at one point, and the other motions of their families.
 
     Returns
     -------
@@ -323,7 +323,7 @@ def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Mem
     Raises
     ------
     RattleError
-        Where a family is lost.
+        If a family is lost.
     """
     span = span_of_family(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]

@@ -1,8 +1,8 @@
 """Pseudo-arclength continuation of a family of periodic motions of the stiff gear in ε (compiled).
 
-As `rattle.continuation.arclength`, for the equations of `rattle.stiff.orbits.closure`, some hundred times as fast. A
-family is followed through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves
-its span, or a flight vanishes. Where damping is weak ε counts relative to it, in lengths and angles too.
+The method is that of `rattle.continuation.arclength` for the equations of `rattle.stiff.orbits.closure`, some hundred
+times as fast. A family is followed through virtual motions, until a contact is lost (σ = 0), ε leaves its range, or a
+flight vanishes. At weak damping ε counts in units of δ, also in lengths and angles.
 """
 
 import math
@@ -23,18 +23,19 @@ from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 from rattle.stiff.orbits.closure import LEAST_CONTACT, closure
 
-SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)  # why it ends: ε, a contact, or a flight; it closes; it cannot go on
-LONGEST = 0.1  # of a step, in the unknowns
-SHARE = 0.3  # of the shortest contact, of a step
-FIRST = 1e-3  # step
-LEAST_FLIGHT = 1e-4  # of a period: where flights vanish the equations become singular
+# reasons of the end: ε leaves its range; a contact or a flight vanishes; the family closes; no step succeeds
+SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)
+LONGEST = 0.1  # longest continuation step, in the unknowns
+SHARE = 0.3  # longest step as a share of the shortest contact
+FIRST = 1e-3  # first continuation step
+LEAST_FLIGHT = 1e-4  # shortest flight, in forcing periods; the equations become singular where flights vanish
 MOST_POINTS = 4000
 MOST_SECANTS = 100
 
 
 @inline
 def eliminate(matrix, right):
-    """Solve matrix x = right in place by elimination with pivots: the sign of the determinant, 0 if it is singular."""
+    """Solve matrix x = right in place by Gaussian elimination; return the determinant's sign, 0 if singular."""
     n, sign = right.size, 1.0
     for k in range(n):
         best = k
@@ -69,7 +70,7 @@ def small(cycle):
 
 @inline
 def inner(a, b, unit):
-    """Inner product of two vectors of unknowns, ε in its unit."""
+    """Return the inner product of two vectors of unknowns, with ε in units of `unit`."""
     n, found = a.size - 1, 0.0
     for j in range(n):
         found += a[j] * b[j]
@@ -78,7 +79,7 @@ def inner(a, b, unit):
 
 @kernel
 def corrected(y, constraint, cycle):
-    """Newton's method in the hyperplane through y across a constraint, in place: corrections made, 0 if it fails."""
+    """Correct y in place by Newton's method in a hyperplane; return the number of corrections, 0 if it fails."""
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.empty(n + 1)
     size, unit = math.inf, small(cycle)
@@ -103,7 +104,7 @@ def corrected(y, constraint, cycle):
 
 @kernel
 def family_tangent(y, direction, cycle, tangent):
-    """Write the unit tangent on the side of a direction: the sign of the determinant of Jacobian and tangent, or 0."""
+    """Write the unit tangent on the side of a direction; return the sign of det(Jacobian, tangent), 0 if singular."""
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
     if not closure(y, cycle, right[:n], matrix[:n]):
@@ -121,7 +122,7 @@ def family_tangent(y, direction, cycle, tangent):
 
 @inline
 def shortest_flight(y, cycle):
-    """Return the time of the shortest flight between contacts."""
+    """Return the duration of the shortest flight between contacts."""
     c, shortest = cycle.walls.size, math.inf
     for i in range(c):
         begins = y[i + 1] if i < c - 1 else y[0] + cycle.m
@@ -131,7 +132,7 @@ def shortest_flight(y, cycle):
 
 @inline
 def edge(y, cycle, largest):
-    """Return the edge that y is beyond, and the unknown that says so: (−1, 0) if it is inside."""
+    """Return the limit that y exceeds and the number of the unknown that does; (−1, 0) if y is inside."""
     c = cycle.walls.size
     if not 0.0 <= y[2 * c] <= largest:
         return SPAN, 2 * c
@@ -145,14 +146,14 @@ def edge(y, cycle, largest):
 
 @kernel
 def family_solution_above_chord(a, b, share, cycle, y):
-    """Write the solution above this share of the chord from a to b; False if there is none."""
+    """Write the solution above a point of the chord from a to b, at this share of it; return False if there is none."""
     y[:] = a + share * (b - a)
     return corrected(y, b - a, cycle) > 0
 
 
 @inline
 def measured_unknown(y, index, level, chord, cycle, tangent):
-    """Return the function that `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
+    """Return the function whose zero `located` finds: an unknown minus its level, or (index −1) dε along the family."""
     if index >= 0:
         return y[index] - level
     family_tangent(y, chord, cycle, tangent)
@@ -163,7 +164,7 @@ def measured_unknown(y, index, level, chord, cycle, tangent):
 def located(a, b, index, level, cycle, y):
     """Write the solution between a and b at which an unknown has its level (index −1: ε turns back) to y.
 
-    Secant steps on the share of the way are halved where they stall.
+    Secant steps along the chord are replaced by halving where they stall.
 
     Returns
     -------
@@ -174,7 +175,7 @@ def located(a, b, index, level, cycle, y):
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
     f_lo = measured_unknown(a, index, level, chord, cycle, tangent)
     f_hi = measured_unknown(b, index, level, chord, cycle, tangent)
-    if f_lo * f_hi >= 0.0:  # an end is the place, and rounding turned its sign
+    if f_lo * f_hi >= 0.0:  # the solution is an end, whose sign rounding has changed
         y[:] = b if abs(f_hi) < abs(f_lo) else a
         return True
     for _ in range(MOST_SECANTS):
@@ -192,9 +193,9 @@ def located(a, b, index, level, cycle, y):
 
 @kernel
 def passes(solution, a, b, cycle, y):
-    """Return whether the family passes through a solution between its points a and b, some periods later perhaps.
+    """Return whether the family passes through a solution between its points a and b, up to whole periods.
 
-    The solution is written to y as the family has it there.
+    The solution is written to y in the form that the family has there.
 
     Returns
     -------
@@ -224,13 +225,13 @@ def passes(solution, a, b, cycle, y):
 
 @kernel
 def follow_family(start, direction, cycle, largest, points):
-    """Follow a family from a solution inside towards a direction with ε up to `largest`.
+    """Follow a family from a solution in a direction, with ε up to `largest`.
 
-    Its points are written (most, 2c + 1).
+    The points are written to `points` (most, 2c + 1).
 
     Returns
     -------
-    result
+    tuple
         Number of points, and the reason of the end.
     """
     n = start.size
@@ -271,11 +272,11 @@ def follow_family(start, direction, cycle, largest, points):
 def folds_of(points, cycle, folds):
     """Return the solutions (k, 2c + 1) between the points of a family at which ε turns back.
 
-    The numbers of the points before them are written.
+    The numbers of the points before the folds are written to `folds`.
 
     Returns
     -------
-    result
+    tuple
         The solutions, and whether all of them could be located.
     """
     n = points.shape[1]
@@ -296,13 +297,7 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def place(points, solution, cycle):
-    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution.
-
-    Returns
-    -------
-    int
-        −1 if it does not.
-    """
+    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution, or −1."""
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
         if passes(solution, points[i], points[i + 1], cycle, y):

@@ -1,4 +1,4 @@
-"""The counterparts of A, B, C and D of the stiff gear: at one point, over whole parameter arrays, and the regions."""
+"""The counterparts of A, B, C and D in the stiff gear: at one point, over arrays of parameters, and their regions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of_family, without_minus
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
-LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for, of the scale of the plane
+LARGEST_SPAN = 64.0  # largest range of ε in which SN1 is searched, in units of the scale of the plane
 
 
 class Named(NamedTuple):
@@ -28,7 +28,7 @@ class Named(NamedTuple):
 
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
-    """Return all counterparts of A–D that happen at a point, and P(1,1,0) beside them as "P", sorted by letter."""
+    """Return all admissible counterparts of A–D at a point, and other P(1,1,0) as "P", sorted by letter."""
     cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of_family(delta, epsilon)
     others = (member for family in slow(cycle, span) for member in family.at(epsilon))
     found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
@@ -43,10 +43,10 @@ def _orbit(member: Member) -> StiffOrbit:
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> PeriodOne:
     """Return the counterparts of A–D that happen, for every element of the broadcast parameters (dimensionless).
 
-    They are as in `rattle.period_one`; tau and v are those of the departure from Σ⁺. What is found at a point depends
-    on nothing but its parameters. Where there are several of one letter, a P(1,1,0) comes first, then that with the
-    longest time from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.orbits.families` does not find
-    (docs/stiff.md says what can be missed).
+    The fields are those of `rattle.period_one`; tau and v belong to the departure from Σ⁺. The result at a point
+    depends on its parameters only. Of several motions with one letter a P(1,1,0) is preferred, then the one with the
+    longest time from Σ⁺ to Σ⁻. Motions whose family `rattle.stiff.orbits.families` does not find are missing
+    (docs/stiff.md says which).
 
     Returns
     -------
@@ -58,14 +58,14 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     ParameterError
         If an argument is outside its domain.
     RattleError
-        Where a family is lost on the way.
+        If a family is lost.
     """
     arrays = parameters(delta, epsilon, beta, kappa=kappa)
     shape = arrays[0].shape
     cells = np.array([array.ravel() for array in arrays]).T
     exists = np.zeros((len(NAMES), len(cells)), np.bool_)
     tau, v, trace = (np.full(exists.shape, np.nan) for _ in range(3))
-    for i in np.lexsort(cells.T):  # equal δ, β and κ follow each other
+    for i in np.lexsort(cells.T):  # in this order equal δ, β and κ are adjacent
         for member in members(*cells[i].tolist()):
             if member.name == SLOW:
                 continue
@@ -85,7 +85,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
     """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D.
 
-    Another set of motions has its number in `rattle.REGIONS`.
+    Other sets of motions have numbers in `rattle.REGIONS`.
 
     Returns
     -------
@@ -97,25 +97,25 @@ def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayL
     ParameterError
         If an argument is outside its domain.
     RattleError
-        As `period_one`.
+        If a family is lost.
     """
     return classify(period_one(delta, epsilon, beta, kappa))
 
 
 def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
-    """Return the motion of the stiff gear at SN1, where A and C are born: ε(δ) beside δ, β and κ.
+    """Return the motion of the stiff gear at SN1, where A and C are born.
 
     Returns
     -------
     StiffOrbit
-        Its `epsilon` is ε(δ) of SN1.
+        Its `epsilon` is the ε of SN1 at this δ, κ and β.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        Where there is none.
+        If SN1 does not exist there.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))

@@ -1,4 +1,4 @@
-"""Periodic motions P(m, n₊, n₋) of the stiff gear: solved for, checked, followed from the impacting limit."""
+"""Periodic motions P(m, n₊, n₋) of the stiff gear: solved, checked, and followed from the impacting limit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,16 +20,17 @@ from rattle.stiff.orbits import closure
 from rattle.stiff.orbits.closure import Cycle, softness
 from rattle.stiff.orbits.equations import StiffItinerary
 
-LONGEST = 0.1  # of a step, in the unknowns
-STEPS_TO_LIMIT = 20  # at least
+LONGEST = 0.1  # longest continuation step, in the unknowns
+STEPS_TO_LIMIT = 20  # least number of steps from the impacting limit
 MOST_STEPS = 200
 
 
 @dataclass(frozen=True, repr=False)
 class StiffOrbit(Periodic):
-    """A periodic motion of the stiff gear: see `Periodic`. durations (c,) of its contacts, which end with the speeds.
+    """A periodic motion of the stiff gear: see `Periodic`.
 
-    Depths are below speed/√(2κ) or so.
+    durations (c,) are those of its contacts, which end with the given speeds. Contact depths are about speed/√(2κ) or
+    less.
     """
 
     kappa: float
@@ -42,7 +43,7 @@ class StiffOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motion leaves the walls (c,): the ends of its contacts."""
+        """Return the times at which the motion leaves the walls (c,), which are the ends of its contacts."""
         return self.times + self.durations
 
     @property
@@ -52,12 +53,12 @@ class StiffOrbit(Periodic):
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """Return the walls of the motion in their order."""
+        """Return the walls of the motion in order."""
         return StiffItinerary(self.walls, self.m, self.beta, softness(self.kappa))
 
     @property
     def unknowns(self) -> Array:
-        """Times, durations times √(2κ), δ and ε (2c + 2,), as the equations take them."""
+        """Return times, durations times √(2κ), δ and ε (2c + 2,) as the unknowns of the equations."""
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
@@ -67,9 +68,9 @@ def trace_of(itinerary: StiffItinerary, x: Array) -> float:
 
 
 class Failure(NamedTuple):
-    """Failure of a motion: its contact, or flight, of this number ends at this wall and time instead.
+    """The contact or flight with this number ends at another wall and time than the equations say.
 
-    Wall 0: it does not even begin.
+    Wall 0 means that it cannot begin.
     """
 
     piece: int
@@ -79,17 +80,17 @@ class Failure(NamedTuple):
 
 
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
-    """Return whether the motion of x is admissible: each contact and each flight ends first where the equations say."""
+    """Return whether each contact and each flight of x ends first where the equations say."""
     return bool(closure.is_admissible(np.delete(x, -2), _cycle(itinerary, x)))
 
 
 def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
-    """Return the first flight or contact of x (2c + 2,) that ends elsewhere than the equations say.
+    """Return the first flight or contact of x (2c + 2,) that does not end where the equations say.
 
     Returns
     -------
     Failure | None
-        None if all flights and contacts happen.
+        None if the motion is admissible.
     """
     number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
@@ -101,7 +102,7 @@ def _cycle(itinerary: StiffItinerary, x: Array) -> Cycle:
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
-    """Return the motion of a solution x (2c + 2,) of the equations, time folded."""
+    """Return the motion at a solution x (2c + 2,) for c contacts, with its first time in [0, 1)."""
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
@@ -109,9 +110,9 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
-    """Return the motion of the stiff gear at κ that a motion of the impacting model becomes.
+    """Return the motion of the stiff gear at κ into which a motion of the impacting model continues.
 
-    It is followed in κ^(−1/2) from κ = ∞.
+    The motion is followed in κ^(−1/2) from κ = ∞.
 
     Returns
     -------
@@ -123,7 +124,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     ParameterError
         If an argument is outside its domain.
     RattleError
-        Where it folds back before κ is reached or does not happen there.
+        If the branch folds back before κ is reached, or the motion is virtual there.
     """
     kappa = require_number("kappa", kappa, positive=True)
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
@@ -144,7 +145,9 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not admissible(itinerary, found):
-        raise RattleError(f"the motion does not happen at kappa = {kappa:g}: a contact is made or missed on the way")
+        raise RattleError(
+            f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from infinity"
+        )
     return orbit_of(itinerary, found)
 
 
@@ -155,7 +158,7 @@ def follow_from_limit(
     span: tuple[float, float],
     is_admissible: Callable[[Array], bool],
 ) -> Path:
-    """Solutions y (N + 1,) from the start on, the last unknown within its span, while they happen."""
+    """Return solutions y (N + 1,) from the start on, while admissible and with the last unknown within its span."""
     follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST))
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
@@ -163,12 +166,12 @@ def follow_from_limit(
 def follow_contacts(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, n_plus: int
 ) -> tuple[StiffItinerary, Array]:
-    """Return the itinerary and the unknowns of the motion from a departure (τ, v), through n_plus contacts on Σ⁺.
+    """Return the itinerary and the unknowns of the motion from a departure (τ, v) over n_plus contacts with Σ⁺.
 
     Returns
     -------
     tuple[StiffItinerary, Array]
-        The walls, and times and durations of contacts, with the parameters.
+        The walls; times and durations of contacts, with the parameters.
 
     Raises
     ------
@@ -187,7 +190,7 @@ def follow_contacts(
         if status == QUIET:
             raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it becomes quiet")
         if status != OK or len(walls) > MOST_IMPACTS:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it makes contacts without end")
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it stays on Σ⁻")
         time += s
         if leaves:
             walls.append(int(wall))
@@ -196,25 +199,14 @@ def follow_contacts(
         else:
             durations[-1] += s / p
     m = max(round(time - tau), 1)
-    last = walls.pop()  # the contact with Σ⁺ that the next period begins with
+    last = walls.pop()  # the contact with Σ⁺ belongs to the next period
     itinerary = StiffItinerary((last, *walls), m, beta, p)
     times = [begins[-1] - m, *begins[:-1]]
     return itinerary, np.array([*times, durations[-1], *durations[:-1], delta, epsilon])
 
 
 def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
-    """Return a motion as its contact equations; an `Orbit` is solved for.
-
-    Returns
-    -------
-    StiffOrbit
-        The argument itself, if it is one.
-
-    Raises
-    ------
-    ParameterError
-        If it is another gear's.
-    """
+    """Return a motion as a `StiffOrbit`. An `Orbit` is solved for. Raises ParameterError for another gear's."""
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
@@ -227,8 +219,8 @@ def stiff_orbit(
 ) -> StiffOrbit:
     """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺, with n_plus ≥ 1 contacts with Σ⁺.
 
-    Newton's method is on times and durations of the motion's contacts. The motion has its least period: if it repeats
-    itself earlier than after n_plus contacts, its n_plus is smaller. All numbers dimensionless; time in forcing
+    Newton's method solves for the times and durations of the contacts. The motion has its least period: if it already
+    repeats after fewer than n_plus contacts, its n_plus is smaller. All numbers are dimensionless, time is in forcing
     periods.
 
     Returns
@@ -241,7 +233,7 @@ def stiff_orbit(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is none near.
+        If no periodic motion is found near.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     kappa, v = require_number("kappa", kappa, positive=True), require_number("v", v, positive=True)

@@ -79,7 +79,7 @@ def test_states_go_where_the_library_says(client: TestClient, stiffness: str) ->
         ("tau=0.2", "query.v"),
         ("tau=0.2&v=0", "query.v"),
         ("tau=nan&v=1", "query.tau"),
-        ("tau=0.2&tau=0.3&tau=0.4&v=1&v=2", "tau and v must broadcast"),
+        ("tau=0.2&tau=0.3&tau=0.4&v=1&v=2", "shapes of tau and v do not broadcast"),
         ("tau=0.2&tau=0.3&tau=0.4&tau=0.5&tau=0.6&v=1", "at most 4 states"),
     ],
 )

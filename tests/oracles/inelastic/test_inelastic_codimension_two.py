@@ -110,7 +110,7 @@ def test_what_is_refused() -> None:
         follow_codimension_two("COD7")
     with pytest.raises(rattle.RattleError, match=r"COD20 is not followed to r = 0\.0001"):
         follow_codimension_two("COD20").at(0.0001)
-    with pytest.raises(rattle.RattleError, match="there is no COD"):
+    with pytest.raises(rattle.RattleError, match="has no COD"):
         follow_codimension_two("COD22", 1e-8)
     table = follow_codimension_two("COD22").to_dataframe()
     assert list(table) == ["delta", "epsilon", "restitution", "tau", "speed"]
