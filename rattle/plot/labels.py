@@ -19,7 +19,8 @@ ROOM = 3.0  # around a label, in pixels
 ANCHORS = 24  # points of a line that a label may be tied to
 CANDIDATES = 400  # cells that a label within a part may be centred on
 CLEAR = 45.0  # from other lines, in pixels: then it is plain which one a label along a line names
-WRONG, OUTSIDE = 1000.0, 1e5  # cost of covering a label, of leaving the frame
+WRONG, OUTSIDE = 1000.0, 1e5  # cost of covering a label or a marker, of leaving the frame
+MOST_HIDDEN = 800.0  # the most that covered lines cost: a label covers these sooner than a label or a marker
 
 
 class Labels:
@@ -37,6 +38,11 @@ class Labels:
         self.covered = np.concatenate([np.empty((0, 2)), *(_dense(axes.transData.transform(line)) for line in lines)])
         self.boxes = [text.get_window_extent(self.renderer) for text in axes.texts]
         self.leaders: list[Array] = []
+
+    def keep_clear_of(self, markers: Sequence[Point], size: float) -> None:
+        """Let no label cover these markers (x, y) in data coordinates, which are so many points across."""
+        half = np.full(2, self.renderer.points_to_pixels(size) / 2)
+        self.boxes += [_box(self.axes.transData.transform(marker), half) for marker in markers]
 
     def add(
         self,
@@ -175,7 +181,7 @@ class Labels:
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
-        cost += self._misplaced(_box(centre, half)) + 20 * self._hidden(centre, half)
+        cost += self._misplaced(_box(centre, half)) + min(20 * self._hidden(centre, half), MOST_HIDDEN)
         if cost >= most:
             return cost
         leader = np.array([origin, centre])

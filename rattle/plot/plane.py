@@ -32,6 +32,7 @@ STYLES = {
     "quiet_limit": ("#1f9bd6", (0, (1, 1))),
 }
 MARKERS = {"COD20": "o", "COD21": "s", "COD22": "D", "COD23": "^"}
+MARKER_SIZE = 4.5  # points
 IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")
 
 THICK, THIN = 1.5, 0.8
@@ -83,10 +84,13 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
     for point in points:
         marker = MARKERS[point.name]
-        axes.plot(point.delta, point.epsilon, marker, color="white", markeredgecolor="black", markersize=4.5, zorder=4)
+        axes.plot(
+            point.delta, point.epsilon, marker, color="white", markeredgecolor="black", markersize=MARKER_SIZE, zorder=4
+        )
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
+    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1)  # and its edge
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
