@@ -80,7 +80,7 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     Labels | None
         What takes more labels; None if there are no points.
     """
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    (left, right), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
     for point in points:
         marker = MARKERS[point.name]

@@ -29,7 +29,9 @@ from gear_rattle.workers.pictures.look import (
     Form,
     Look,
     Over,
+    in_revolutions,
 )
+from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels.grid import centres, halvings
@@ -169,10 +171,15 @@ def map_figure(
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
     draw_map(axes, shown, plane, look=look, finer=over.finer)
+    is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
         _dim_others(axes, dataset, look.family)
     third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
+    if is_machine:
+        axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
+        for each in figure.axes[1:]:  # the colour bar
+            each.set_ylabel(in_revolutions(each.get_ylabel()))
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines
     curves = draw_curves(axes, dataset, lines, over)
