@@ -1,5 +1,6 @@
 """One variable as a map over the (δ, ε) plane, without matplotlib's global state, since servers draw in threads."""
 
+import re
 from collections.abc import Sequence
 from io import BytesIO
 from itertools import pairwise
@@ -30,6 +31,7 @@ from gear_rattle.workers.pictures.look import (
     Look,
     Over,
     in_revolutions,
+    variable_words,
 )
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
@@ -81,12 +83,12 @@ UNITS = {
     "energy": "v²/2, per forcing period",
     "impacts": "per forcing period",
     "lyapunov": "per forcing period",
-    "velocity": "per forcing period",
     "speed": "per forcing period",
     "distance": "impact speed, per forcing period",
     "periods": "forcing periods",
 }
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins and lengths of ticks, which must not overflow
+SIGNS = {"+": "₊", "-": "₋"}  # of the walls
 CAPTION = 110  # the most characters in a line of the caption
 ROOM = (512, 512)  # the most cells of a drawn map, fewer than its pixels
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
@@ -193,14 +195,20 @@ def map_figure(
 
 def bar_label(plane: xr.DataArray) -> str:
     """Return the label of a colour bar: the variable, with its unit if it has one."""
-    name = str(plane.name).replace("_", " ")
+    name = variable_words(str(plane.name))
     unit = "" if "flag_meanings" in plane.attrs else next((UNITS[word] for word in UNITS if word in name), "")
     return f"{name}, {unit}" if unit else name
 
 
+def readable(text: str) -> str:
+    """Return a description of a store, whose characters are few, as it is written elsewhere: P(m,n₊,n₋), Σ⁺."""
+    text = text.replace("P(m, n+, n-)", "P(m,n₊,n₋)").replace("Σ+", "Σ⁺").replace("Σ-", "Σ⁻")
+    return re.sub(r"\b([nv]|Σv)([+-])(?![\w.])", lambda found: found[1] + SIGNS[found[2]], text)
+
+
 def title_of(plane: xr.DataArray) -> str:
     """Return the title of a map: the variable's meaning, and its orbit or slot."""
-    name = str(plane.attrs.get("long_name", plane.name))
+    name = readable(str(plane.attrs.get("long_name", plane.name)))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)

@@ -1,5 +1,6 @@
 """What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
 
+import re
 from collections.abc import Iterator
 from copy import copy
 from functools import partial
@@ -27,8 +28,11 @@ from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
 from gear_rattle.workers.pictures.levels import levels_in_groups, overview
+from gear_rattle.workers.pictures.maps import readable
 from gear_rattle.workers.pictures.names import overlap, place_names
 from gear_rattle.workers.survey.levels import grid
+from gear_rattle.workers.survey.values.quantities import held
+from gear_rattle.workers.survey.values.schema import Group
 from rattle import KINDS
 from rattle.curves import codimension_two
 from rattle.models import Impacting
@@ -455,3 +459,14 @@ def test_a_name_without_room_is_left_out() -> None:
     everywhere = [(200.0, 200.0)] * 12
     placed = place_names(everywhere, [(45.0, 18.0)] * 12, (400.0, 400.0))
     assert sum(each is not None and each.leader is not None for each in placed) >= 3
+
+
+def test_names_and_titles_of_maps_are_written_as_everywhere() -> None:
+    request = SurveyRequest(**BODY | {"quantities": list(Group)})
+    names = planes.map_names(request)
+    assert "orbit speed, A" in names
+    assert not [name for name in names if "velocity" in name or "_" in name]
+    titles = [readable(each.long_name) for each in held(request.quantities, request.model)]
+    assert "m of P(m,n₊,n₋), forcing periods; 0 unless periodic" in titles
+    assert "n₋ of P(m,n₊,n₋), impacts on or contacts with Σ⁻; 0 unless periodic" in titles
+    assert not [title for title in titles if re.search(r"velocit|[nvΣ][+-]", title)]

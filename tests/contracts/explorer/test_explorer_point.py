@@ -325,6 +325,8 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
     assert "it: 1 impact on the wall" in motion_caption(shown, "it", words.PERIOD, replace(attractor, n_plus=1))
     cut = f"{np.count_nonzero(shown.impact_wall == 1)} impacts on the wall Φ = β"
     assert f"{cut} and 0 on Φ = −β in 24 forcing periods" in motion_caption(shown, "it")
+    for rest, said in ((1.0, "after 1 revolution."), (0.5, "after 0.5 revolutions.")):
+        assert said in motion_caption(shown._replace(rest=rest), "it", words.REVOLUTION)
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
