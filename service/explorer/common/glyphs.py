@@ -163,9 +163,9 @@ def points(source: ColumnDataSource) -> list[Any]:
 
 
 def names(source: ColumnDataSource) -> Any:
-    """Names of regions, with a white edge."""
+    """Names of regions, with a white edge, moved by some pixels."""
     glyph = Text(
-        x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
+        x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
         text_font_style="bold", text_color="black", text_outline_color="white",
     )  # fmt: skip
     return _rendered(source, glyph, name="names")

@@ -85,7 +85,7 @@ class MapFigure:
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
         self._cursor, self._ellipse = (glyphs.source_of(("x", "y")) for _ in range(2))
         self._sure = glyphs.source_of(glyphs.BAND)
-        self._names, self._pinned = glyphs.source_of(("x", "y", "name")), glyphs.source_of(("x", "y", "name"))
+        self._names, self._pinned = glyphs.source_of(("x", "y", "name", "dx")), glyphs.source_of(("x", "y", "name"))
         self._marks, self._band = glyphs.points(self._points), glyphs.band(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
@@ -224,7 +224,12 @@ class MapFigure:
         self._colour(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
-        self._names.data = {"x": [x for x, _ in places], "y": [y for _, y in places], "name": list(colours.names)}
+        self._names.data = {
+            "x": [x for x, _ in places],
+            "y": [y for _, y in places],
+            "name": list(colours.names),
+            "dx": [0.0] * len(places),
+        }
         self._place_names()
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
@@ -299,7 +304,8 @@ class MapFigure:
         self._place_names()
 
     def _place_names(self) -> None:
-        """Write the names of the codimension-two points where they cover no mark and no other name."""
+        """Write the names of regions inside the frame, and those of points where they cover no mark or name."""
+        self._move_regions_inside()
         if not self._corners:
             glyphs.clear(self._points)
             return
@@ -320,13 +326,25 @@ class MapFigure:
             key: list(column) for key, column in zip(glyphs.POINT, zip(*rows, strict=True), strict=True)
         }
 
+    def _move_regions_inside(self) -> None:
+        data, width = self._names.data, self.pixels[0]
+        moved = []
+        for x, y, name in zip(data["x"], data["y"], data["name"], strict=True):
+            at, half = self._on_screen(x, y)[0], REGION_LETTER * len(name) / 2 + 3
+            moved.append(min(max(at, half), width - half) - at if 0 <= at <= width else 0.0)
+        if moved != data["dx"]:
+            self._names.data = {**data, "dx": moved}
+
     def _taken(self) -> list[Box]:
         """Boxes of the names of regions and of the pins, in pixels."""
         regions, pins = self._names.data, self._pinned.data
         return [
             *(
-                box_about(self._on_screen(x, y), (REGION_LETTER * len(name) + 6, REGION_ROW))
-                for x, y, name in zip(regions["x"], regions["y"], regions["name"], strict=True)
+                box_about(
+                    (self._on_screen(x, y)[0] + dx, self._on_screen(x, y)[1]),
+                    (REGION_LETTER * len(name) + 6, REGION_ROW),
+                )
+                for x, y, name, dx in zip(*(regions[key] for key in ("x", "y", "name", "dx")), strict=True)
             ),
             *(
                 box_about(self._on_screen(x, y), (2 * DISC, 2 * DISC))
