@@ -32,7 +32,7 @@ SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Pixels that names take, and the half sides of the discs of pins: nothing is written over either.
 LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
-BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
+BAR_ROOM = 110  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
 NARROW = 500  # pixels of a figure, below which the bar of colours is below the map
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
