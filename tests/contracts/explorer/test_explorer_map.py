@@ -19,7 +19,7 @@ from service_support import BODY, compute, front_end, front_of
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.map import planes, shared
-from gear_rattle.service.explorer.map.colouring import NAME, colouring, family_places, values_shown
+from gear_rattle.service.explorer.map.colouring import NAME, Colouring, colouring, family_places, values_shown
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, following, zoomed
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in
@@ -449,6 +449,22 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
         has_leader = (x, y) != (to_x, to_y)
         beside = name[0] - 10 < mark[2] and mark[0] < name[2] + 10 and name[1] - 10 < mark[3] and mark[1] < name[3] + 10
         assert beside or has_leader
+
+
+def test_names_of_regions_stay_inside_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MapFigure, "pixels", (300, 300))
+    shown = new_map()
+    shown.window(*FIGURE_7)
+    codes = np.ones((30, 60), np.float32)
+    delta, epsilon = np.linspace(0.405, 0.995, 60), np.linspace(0.005, 0.295, 30)
+    block = MapBlock(delta, epsilon, codes, codes.astype(np.int8), FIGURE_7)
+    written = {"II": (0.405, 0.15), "I": (0.7, 0.15)}
+    reasons = np.zeros(codes.shape, np.uint8)
+    shown.cells(block, Colouring("", ("#ffffff",), 0.5, 1.5, False, True, (), reasons, (), names=written))
+    names = shown.figure.select_one({"name": "names"}).data_source.data
+    assert names["name"] == ["II", "I"]
+    assert 300 * (0.405 - 0.4) / 0.6 + names["dx"][0] >= 10  # pixels from the left edge: half of what II takes
+    assert names["dx"][1] == 0.0
 
 
 def test_a_name_without_room_is_left_out() -> None:
