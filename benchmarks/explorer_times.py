@@ -1,9 +1,10 @@
-"""Measure how long a viewer of the explorer waits for the first map and after a click, in Chromium.
+"""How long the explorer keeps a viewer waiting, and how much memory its pages take, in Chromium against a real server.
 
-    python benchmarks/explorer_times.py [--side 600] [--trials 7] [--chromium PATH]
+    python benchmarks/explorer_times.py [--side 600] [--trials 7] [--pages 20] [--chromium PATH]
 
-The program prints medians and ranges in milliseconds by the page's clock, to the frame. For every step it also prints
-how long the server's process and the page's main thread were busy, which depends less on other programs.
+The first map and a click: medians and ranges in milliseconds, as the page's own clock sees them, frame by frame; of
+every step also the time that the server's process and the page's main thread were at work, which depends less on
+others. Then the memory of the server's process and of a page's scripts, with one page and with twenty.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ import psutil
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 from server import server
 
-#: The browser with which the published times were measured, or, if it is not installed, the one that tests use.
+#: The one that times were measured with, or what tests use where that is not there.
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-headless-shell")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
-POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # (δ, ε) of the clicks, in this order
-PARTS = ("words", "empty", "surveyed", "probability", "everything")
-IDLE, PATIENCE = 200.0, 30  # at most so many ms of work in a second count as idle; seconds to wait for that
+POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
+PARTS = ("answer", "own answer", "margin")
+IDLE, PATIENCE = 200.0, 30  # milliseconds of work in a second, and seconds until then
 
-#: Script of the page that records, at every frame, when each part has appeared on the screen.
+#: Notes, at every frame, since when something has been on the screen.
 WATCH = r"""
 window.seen = {}
 const text = (node) => node.nodeType === 3 ? node.data : node.tagName === "STYLE" || node.tagName === "SCRIPT" ? "" :
   [...(node.shadowRoot?.childNodes ?? []), ...node.childNodes].map(text).join("")
-const steps = {  // parts of the view of a point, in the order in which they appear
-  words: (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005,
-  empty: (all) => !/margin of quiet|No impact slower|margin is 0/.test(all),  // without words of the previous point
-  surveyed: (all) => /random start|every start|random starts/.test(all),
-  probability: (all) => steps.surveyed(all) && !all.includes("survey's grid cell"),
-  everything: (all) => /margin of quiet|No impact slower|margin is 0|cannot be told/.test(all),
+const of_cell = "survey's grid cell"
+const steps = {  // of the view of a point, one after the other
+  "answer": (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005 &&
+    /random start|every start|From a/.test(all),
+  "own answer": (all) => !all.includes(of_cell) && /from 1,024 starts|1,024 random starts|every start/.test(all),
+  "margin": (all) => /margin of quiet|No impact slower|margin is 0|cannot be told/.test(all),
 }
 function look() {
   const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)
@@ -49,7 +50,7 @@ function look() {
     map.renderers.some((each) => each.name?.startsWith("cells") && each.data_source.data.image.length)
   if (drawn && !seen.drawn) seen.drawn = true  // the next frame has it on the screen
   else if (drawn && !seen.map) seen.map = performance.now()
-  if (window.clicked?.at && !("everything" in clicked)) {  // searching the text takes a third of the page's time
+  if (window.clicked?.at && !("margin" in clicked)) {  // to look costs a third of the page's time
     const all = [...document.querySelectorAll(".beside")].map(text).join("")
     const now = performance.now() - clicked.at
     for (const [name, holds] of Object.entries(steps)) {
@@ -70,14 +71,14 @@ PLACE = """([delta, epsilon]) => {
 
 
 class Work:
-    """Processor time of the server's process, and busy time of the main thread of a page, in milliseconds."""
+    """Milliseconds that the server's process and the main thread of a page have been at work."""
 
     def __init__(self, server: psutil.Process, cdp: CDPSession) -> None:
         self._server, self._cdp = server, cdp
         cdp.send("Performance.enable")
 
     def now(self) -> tuple[float, float]:
-        """Return both times (server, page) since their start."""
+        """(server, page), since they began."""
         times = self._server.cpu_times()
         metrics = {each["name"]: each["value"] for each in self._cdp.send("Performance.getMetrics")["metrics"]}
         return 1e3 * (times.user + times.system), 1e3 * metrics["TaskDuration"]
@@ -97,7 +98,7 @@ class Table(dict[str, list[float]]):
 
 
 def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
-    """Poll until the condition is true, and return its value."""
+    """Poll until the condition is true; its value."""
     deadline = time.monotonic() + seconds
     while not (value := condition()):
         assert time.monotonic() < deadline, "it took too long"
@@ -106,7 +107,7 @@ def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
 
 
 def submitted(url: str, side: int) -> str:
-    """Submit a survey of side × side cells, wait until it is done, and return its id."""
+    """The id of a survey of side × side cells that is done."""
     body = {
         "delta": {"start": 0.4, "stop": 1.0, "num": side},
         "epsilon": {"start": 0.005, "stop": 0.3, "num": side},
@@ -119,7 +120,7 @@ def submitted(url: str, side: int) -> str:
 
 
 def settled(page: Page, work: Work) -> None:
-    """Wait until the server and the page are idle."""
+    """Wait until neither the server nor the page has much to do."""
     before = work.now()
     for _ in range(PATIENCE):
         page.wait_for_timeout(1000)
@@ -130,7 +131,7 @@ def settled(page: Page, work: Work) -> None:
 
 
 def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, worked: Table) -> None:
-    """Measure one visit in a new browser context, without a cache: the first map, the same map again, and clicks."""
+    """One visitor without a memory: the first map, the same again, and some clicks."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     context.set_default_timeout(120_000)
     try:
@@ -144,7 +145,7 @@ def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, wo
                 worked.add(f"{name}: {whose}", later - earlier)
 
         for name in ("first map", "map again"):
-            before = work.now()[0], 0.0  # the times of a new page begin at zero
+            before = work.now()[0], 0.0  # a new page
             page.goto(url)
             page.wait_for_function("() => seen.map")
             waited.add(name, page.evaluate("seen.map"))
@@ -155,19 +156,50 @@ def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, wo
             page.evaluate("(delta) => { window.clicked = {delta} }", delta)
             before = work.now()
             page.mouse.click(x, y)
-            page.wait_for_function("() => clicked.everything")
+            page.wait_for_function("() => clicked.margin")
             for part in PARTS:
-                waited.add(f"{name}: {part}", page.evaluate(f"clicked.{part}"))
+                waited.add(f"{name}: {part}", page.evaluate(f"clicked['{part}']"))
             took(name, before)
     finally:
         context.close()
 
 
+def memory(browser: Browser, url: str, process: psutil.Process, pages: int) -> Table:
+    """Return MB of the server's process with no page, one and several, and of the scripts of one page."""
+    found = Table()
+    contexts = []
+    try:
+        found.add("server without a page", process.memory_full_info().uss / 1e6)
+        for number in range(1, pages + 1):
+            context = browser.new_context(viewport={"width": 1280, "height": 800})
+            contexts.append(context)
+            context.set_default_timeout(300_000)
+            page = context.new_page()
+            page.add_init_script(WATCH)
+            page.goto(url)
+            page.wait_for_function("() => seen.map")
+            if number == 1:
+                cdp = context.new_cdp_session(page)
+                settled(page, Work(process, cdp))
+                heap = cdp.send("Runtime.getHeapUsage")["usedSize"] / 1e6
+                found.add("scripts of a page", heap)
+            if number in (1, pages):
+                page.wait_for_timeout(3000)
+                found.add(
+                    f"server with {number} page{'' if number == 1 else 's'}", process.memory_full_info().uss / 1e6
+                )
+    finally:
+        for context in contexts:
+            context.close()
+    return found
+
+
 def main() -> None:
-    """Measure the visits, and print the times."""
+    """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--side", type=int, default=600, help="cells along each axis of the survey")
+    parser.add_argument("--side", type=int, default=0, help="cells along each axis of a survey; 0: the example")
     parser.add_argument("--trials", type=int, default=7)
+    parser.add_argument("--pages", type=int, default=20)
     parser.add_argument("--chromium", default=CHROMIUM)
     parser.add_argument("--data", type=Path, help="keep the service's data here, and use what is there")
     given = parser.parse_args()
@@ -177,15 +209,19 @@ def main() -> None:
         server(given.data or Path(temporary), "--workers", "1") as (url, process),
         sync_playwright() as playwright,
     ):
-        page = f"{url}/?survey={submitted(url, given.side)}"
+        page = f"{url}/?survey={submitted(url, given.side)}" if given.side else url
         browser = playwright.chromium.launch(executable_path=given.chromium, args=FLAGS)
         visit(browser, page, process, Table(), Table())  # the service warms up
+        held = memory(browser, page, process, given.pages)
         for _ in range(given.trials):
             visit(browser, page, process, waited, worked)
             print(".", end="", file=sys.stderr, flush=True)
         browser.close()
-    print(f"{given.side} × {given.side} cells, {given.trials} visits; load average {os.getloadavg()[0]:.1f}\n")
-    print(f"Waited\n\n{waited}\n\nAt work\n\n{worked}")
+    cells = f"{given.side} × {given.side} cells" if given.side else "the example"
+    print(f"{cells}, {given.trials} visits; load average {os.getloadavg()[0]:.1f}\n")
+    print(f"Waited\n\n{waited}\n\nAt work\n\n{worked}\n\nMemory, MB\n")
+    for name, (megabytes,) in held.items():
+        print(f"- {name}: {megabytes:.0f}")
 
 
 if __name__ == "__main__":

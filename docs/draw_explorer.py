@@ -134,7 +134,9 @@ VIEWS: dict[str, View] = {
         {"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1", "p.tab": "basins"},
         until=BASINS,
     ),
-    "section": View("A cross-section", {"survey": FIGURE_7, "point": "0.6,0.06"}, cross_section, DIAGRAM),
+    "section": View(
+        "A cross-section", {"survey": FIGURE_7, "point": "0.6,0.06", "p.tab": "diagram"}, cross_section, DIAGRAM
+    ),
     "machine": View(
         "A machine with its design limit, and the tolerances of a point",
         {"survey": MACHINE, "variable": "attractor_kind", "overlays": "design_limit", "point": "0.0042,0.00015"},
@@ -195,7 +197,7 @@ def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) ->
         for width, height in (LAPTOP, WIDE, PHONE):
             page.set_viewport_size({"width": width, "height": height})
             settle(page)
-            picture = page.screenshot(full_page=(width, height) == PHONE)
+            picture = steady_screenshot(page, is_whole=(width, height) == PHONE)
             found[theme, width] = Image.open(io.BytesIO(picture)).convert("RGB")
         context.close()
         if others := [each for each in asked if not each.startswith((f"{url}/", "blob:", "data:"))]:
@@ -219,6 +221,16 @@ def settle(page: Page) -> None:
     while computing.count():
         page.wait_for_timeout(STEADY_MS)
     page.wait_for_function(IDLE, polling=POLL_MS)
+
+
+def steady_screenshot(page: Page, is_whole: bool) -> bytes:
+    """Return a picture of the screen, or of the whole page, once two in turn are equal: nothing moves any more."""
+    newest = page.screenshot(full_page=is_whole)
+    while True:
+        page.wait_for_timeout(STEADY_MS)
+        before, newest = newest, page.screenshot(full_page=is_whole)
+        if newest == before:
+            return newest
 
 
 def sheet_of(screens: Mapping[tuple[str, int], Image.Image]) -> Image.Image:

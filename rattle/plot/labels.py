@@ -24,8 +24,10 @@ ANCHORS = 24
 CANDIDATES = 400
 #: Distance in pixels from other lines at which a label along a line is unambiguous.
 CLEAR = 45.0
-#: Cost of covering another label, and of leaving the frame.
+#: Cost of covering a label or a marker, and of leaving the frame.
 WRONG, OUTSIDE = 1000.0, 1e5
+#: Largest cost of covered lines: a label covers lines sooner than a label or a marker.
+MOST_HIDDEN = 800.0
 
 
 class Labels:
@@ -46,6 +48,11 @@ class Labels:
         self.covered = np.concatenate([np.empty((0, 2)), *(_dense(axes.transData.transform(line)) for line in lines)])
         self.boxes = [text.get_window_extent(self.renderer) for text in axes.texts]
         self.leaders: list[Array] = []
+
+    def keep_clear_of(self, markers: Sequence[Point], size: float) -> None:
+        """Let no label cover these markers (x, y) in data coordinates, which are so many points across."""
+        half = np.full(2, self.renderer.points_to_pixels(size) / 2)
+        self.boxes += [_box(self.axes.transData.transform(marker), half) for marker in markers]
 
     def add(
         self,
@@ -188,7 +195,7 @@ class Labels:
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
-        cost += self._misplaced(_box(centre, half)) + 20 * self._hidden(centre, half)
+        cost += self._misplaced(_box(centre, half)) + min(20 * self._hidden(centre, half), MOST_HIDDEN)
         if cost >= most:
             return cost
         leader = np.array([origin, centre])

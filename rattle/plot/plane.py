@@ -32,6 +32,8 @@ STYLES = {
     "quiet_limit": ("#1f9bd6", (0, (1, 1))),
 }
 MARKERS = {"COD20": "o", "COD21": "s", "COD22": "D", "COD23": "^"}
+#: Size of a marker, in points.
+MARKER_SIZE = 4.5
 #: The curves that the paper has.
 IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")
 
@@ -89,14 +91,17 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     Labels | None
         The labels of the axes, for further names; None if there are no points.
     """
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    (left, right), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
     for point in points:
         marker = MARKERS[point.name]
-        axes.plot(point.delta, point.epsilon, marker, color="white", markeredgecolor="black", markersize=4.5, zorder=4)
+        axes.plot(
+            point.delta, point.epsilon, marker, color="white", markeredgecolor="black", markersize=MARKER_SIZE, zorder=4
+        )
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
+    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1)  # and its edge
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels

@@ -108,6 +108,11 @@ def test_the_open_tab_is_in_the_address_and_back_opens_the_one_before(page: Page
     for each in ("stable", "unstable", "swept upward", "swept downward", "saddle-node", "period doubling", "grazing"):
         expect(key.get_by_role("listitem").filter(has_text=re.compile(rf"(^|\s){each}$"))).to_be_visible()
     assert is_in_view(page, "diagram")
+    dense = figure(page, "diagram", "y_range.start")
+    page.get_by_role("button", name="All speeds").click()
+    wait_for(page, f"() => {FIGURE.format('diagram')}.y_range.start < {dense}")
+    expect(page.get_by_role("button", name="All speeds")).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_role("button", name="Dense speeds")).to_have_attribute("aria-pressed", "false")
     low, high = (figure(page, "diagram", f"y_range.{end}") for end in ("start", "end"))
     speeds = column(page, "diagram", "renderers.find((each) => each.data_source.data.what).data_source.data.v")
     assert low < speeds.min() < low + 0.2 * (high - low)

@@ -111,7 +111,7 @@ def test_the_picture_of_a_window_is_the_window_that_is_seen(page: Page, service:
     said = asked()
     assert [float(said["low"]), float(said["high"])] == ends
     assert (said["family"], said["delta_min"]) == ("1", "0.6")
-    here = f"{service}{link.get_attribute('href')}"
+    here = f"{service}/{link.get_attribute('href')}"
     whole = httpx.get(here, timeout=HANG)
     others = [httpx.get(re.sub(leave_out, "", here), timeout=HANG) for leave_out in (r"&pixels[^&]*", r"&family=1")]
     assert [each.status_code for each in (whole, *others)] == [200] * 3
@@ -130,7 +130,7 @@ def test_the_picture_has_the_crisis_and_the_design_limit_and_maps_beside_have_th
     expect(page.locator(".keys")).not_to_contain_text("is being computed")
     for place, told in ((".side", True), (".further", False)):
         link = page.locator(place).get_by_role("link", name="SVG", exact=True).first
-        drawing = httpx.get(f"{service}{link.get_attribute('href')}", timeout=HANG).text
+        drawing = httpx.get(f"{service}/{link.get_attribute('href')}", timeout=HANG).text
         for colour in ("#00695c", "#b8860b"):
             assert (f"stroke: {colour}" in drawing) == told
     link = page.locator(".further").get_by_role("link", name="PDF", exact=True)
@@ -226,7 +226,7 @@ def test_a_deep_window_tells_above_the_map_what_it_waits_for_and_is_not_white(
 
 @deep
 def test_colours_that_stand_for_something_are_told_apart_without_green(page: Page, service: str) -> None:
-    open_view(page, service)
+    open_view(page, service, variable="region")
     keys = page.get_by_role("list", name="colours of the map").get_by_role("listitem")
     found = {}
     for item in keys.all():
@@ -267,7 +267,7 @@ def test_a_small_survey_does_not_wait_behind_a_long_one(page: Page, service: str
 def test_two_gears_stand_side_by_side(page: Page, service: str, survey_id: str) -> None:
     grid = {"quantities": ["region"], "delta": SURVEY["delta"], "epsilon": SURVEY["epsilon"]}
     other = done(service, submitted(service, **grid, beta=0.3, name="narrow", seed=8))
-    open_view(page, service, survey=survey_id)
+    open_view(page, service, survey=survey_id, variable="region")
     page.get_by_role("button", name="Add a second map").click()
     choice = page.get_by_label("Survey of map 2")
     choice.select_option(choice.locator("option", has_text="narrow").first.text_content())

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.survey.slices import surveyed_model
@@ -42,6 +43,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     curves: dict[str, tuple[Axes, list[np.ndarray]]] = {}
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         draw_map(axes, dataset, dataset[name], WITHOUT_VALUE.get(name, "none"))
+        draw_machine_axes(axes, dataset)
         axes.set_title(PANELS[name])
         curves[name] = axes, draw_curves(axes, dataset, CURVES_ON[name])
         draw_legend(axes)

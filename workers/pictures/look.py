@@ -45,6 +45,16 @@ def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
 
+def variable_words(name: str) -> str:
+    """Return the name of a variable in words: a velocity of a store is the size of one, a speed."""
+    return name.replace("_", " ").replace("velocity", "speed")
+
+
+def in_revolutions(text: str) -> str:
+    """Return a text about a machine, whose forcing period is a revolution."""
+    return text.replace("forcing period", "revolution").replace("watched periods", "watched revolutions")
+
+
 @dataclass(frozen=True)
 class Look:
     """Options of a picture.

@@ -3,6 +3,7 @@
 matplotlib's global state (pyplot) is not used, because servers draw in threads.
 """
 
+import re
 from collections.abc import Sequence
 from io import BytesIO
 from itertools import pairwise
@@ -32,7 +33,10 @@ from gear_rattle.workers.pictures.look import (
     Form,
     Look,
     Over,
+    in_revolutions,
+    variable_words,
 )
+from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels.grid import centres, halvings
@@ -82,12 +86,12 @@ UNITS = {
     "energy": "v²/2, per forcing period",
     "impacts": "per forcing period",
     "lyapunov": "per forcing period",
-    "velocity": "per forcing period",
     "speed": "per forcing period",
     "distance": "impact speed, per forcing period",
     "periods": "forcing periods",
 }
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
+SIGNS = {"+": "₊", "-": "₋"}  # subscripts of the walls
 CAPTION = 110  # at most this many characters in a line of the caption
 ROOM = (512, 512)  # the most cells of a drawn map; a map has more pixels than that
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
@@ -172,10 +176,15 @@ def map_figure(
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
     draw_map(axes, shown, plane, look=look, finer=over.finer)
+    is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
         _dim_others(axes, dataset, look.family)
     third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
+    if is_machine:
+        axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
+        for each in figure.axes[1:]:  # the colour bar
+            each.set_ylabel(in_revolutions(each.get_ylabel()))
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines
     curves = draw_curves(axes, dataset, lines, over)
@@ -189,14 +198,20 @@ def map_figure(
 
 def bar_label(plane: xr.DataArray) -> str:
     """Return the label of a colour bar: the variable, with its unit if it has one."""
-    name = str(plane.name).replace("_", " ")
+    name = variable_words(str(plane.name))
     unit = "" if "flag_meanings" in plane.attrs else next((UNITS[word] for word in UNITS if word in name), "")
     return f"{name}, {unit}" if unit else name
 
 
+def readable(text: str) -> str:
+    """Return a description of a store, whose characters are few, as it is written elsewhere: P(m,n₊,n₋), Σ⁺."""
+    text = text.replace("P(m, n+, n-)", "P(m,n₊,n₋)").replace("Σ+", "Σ⁺").replace("Σ-", "Σ⁻")
+    return re.sub(r"\b([nv]|Σv)([+-])(?![\w.])", lambda found: found[1] + SIGNS[found[2]], text)
+
+
 def title_of(plane: xr.DataArray) -> str:
     """Return the title of a map: the variable's meaning, and its orbit or slot."""
-    name = str(plane.attrs.get("long_name", plane.name))
+    name = readable(str(plane.attrs.get("long_name", plane.name)))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)

@@ -17,7 +17,7 @@ from bokeh.models import (
     UnionRenderers,
 )
 from bokeh.models.annotations import ColorBar, Label
-from bokeh.models.glyphs import Image, Line, MultiLine, Scatter, Text, VArea
+from bokeh.models.glyphs import Image, Line, MultiLine, Scatter, Segment, Text, VArea
 from bokeh.models.renderers import GlyphRenderer
 
 from gear_rattle.service.explorer.files import asset
@@ -34,7 +34,7 @@ BAND_NAME = "limit_band"
 IMAGE = ("image", "x", "y", "dw", "dh")
 LINE = ("xs", "ys")
 BAND = ("x", "low", "high")
-POINT = ("x", "y", "marker", "name", "align", "dx", "dy")
+POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 
 @dataclass(frozen=True)
@@ -147,21 +147,25 @@ def line(source: ColumnDataSource, name: str) -> list[Any]:
 
 
 def points(source: ColumnDataSource) -> list[Any]:
-    """Return marks with names beside them."""
+    """Return marks with names beside them, and leaders to the names that are farther away."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
+    leaders = [
+        _rendered(source, Segment(x0="x", y0="y", x1="to_x", y1="to_y", line_color=colour, line_width=width))
+        for colour, width in (("white", 3.0), ("black", 1.0))
+    ]
     box: dict[str, Any] = {"padding": 2, "border_radius": 3}
     names = Text(
-        x="x", y="y", text="name", x_offset="dx", y_offset="dy", text_align="align", text_baseline="middle",
+        x="x", y="y", text="name", x_offset="dx", y_offset="dy", text_align="center", text_baseline="middle",
         text_font_size="12px", text_color="black", background_fill_color="white", background_fill_alpha=0.8,
         **box,
     )  # fmt: skip
-    return [_rendered(source, marks, name="points"), _rendered(source, names)]
+    return [*leaders, _rendered(source, marks, name="points"), _rendered(source, names)]
 
 
 def names(source: ColumnDataSource) -> Any:
-    """Names of regions, with a white edge."""
+    """Names of regions, with a white edge, moved by some pixels."""
     glyph = Text(
-        x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
+        x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
         text_font_style="bold", text_color="black", text_outline_color="white",
     )  # fmt: skip
     return _rendered(source, glyph, name="names")

@@ -15,7 +15,7 @@ from rattle.machine import DRIVES
 from rattle.models import Model
 
 DIGITS = 12  # of a number that was converted and back
-EXACT = "0[.][0000000000000000]"
+EXACT = None  # the format of fields: browsers then write the fewest digits that tell a number apart, 3.36 as 3.36
 
 
 class NumberEntry(NamedTuple):

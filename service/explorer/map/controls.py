@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.common.address import LIMITS, Limits, Pair
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.workers import SurveyRequest
-from gear_rattle.workers.pictures.look import LARGEST
+from gear_rattle.workers.pictures.look import LARGEST, variable_words
 from rattle.models import ADDED, BETA
 
 LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
@@ -47,12 +47,12 @@ FEATURED = (
     FeaturedMap(
         "Loudness",
         ("worst_level",),
-        "Energy of the loudest motion's impacts: 0 dB is one impact a revolution, +10 dB ten times its energy.",
+        "Energy of the loudest motion's impacts: 0 dB is one impact a forcing period, +10 dB ten times its energy.",
     ),
     FeaturedMap(
         "Regions",
         ("region",),
-        "Which motions with one impact a revolution (A to D) exist: none in I, A and C in II; see Help for the others.",
+        "Which of A to D, the motions of one forcing period, exist: none in I, A and C in II; see Help for the others.",
     ),
 )
 
@@ -191,7 +191,7 @@ class Controls:
         """Offer the variables of a survey."""
         self._featured = featured_in(names)
         with self._watch.paused():
-            self._variable.options = {name.replace("_", " "): name for name in names}
+            self._variable.options = {variable_words(name): name for name in names}
             self._variable.value = chosen
             self._buttons.options = list(self._featured)
             self._buttons.value = self._button_of(chosen)

@@ -24,14 +24,15 @@ from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
+from gear_rattle.workers.pictures.names import Box, box_about, place_names
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
-#: Where the name of a point is: those that lie close together are named on different sides.
-BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
+#: Pixels that names take, and the half sides of the discs of pins: nothing is written over either.
+LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
-BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
+BAR_ROOM = 110  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
 NARROW = 500  # pixels of a figure, below which the bar of colours is below the map
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
@@ -84,7 +85,7 @@ class MapFigure:
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
         self._cursor, self._ellipse = (glyphs.source_of(("x", "y")) for _ in range(2))
         self._sure = glyphs.source_of(glyphs.BAND)
-        self._names, self._pinned = glyphs.source_of(("x", "y", "name")), glyphs.source_of(("x", "y", "name"))
+        self._names, self._pinned = glyphs.source_of(("x", "y", "name", "dx")), glyphs.source_of(("x", "y", "name"))
         self._marks, self._band = glyphs.points(self._points), glyphs.band(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
@@ -108,6 +109,9 @@ class MapFigure:
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
         plot.on_change("outer_width", in_event_loop(self._on_width))
+        for side in ("inner_width", "inner_height"):
+            plot.on_change(side, in_event_loop(lambda _attribute, _old, _new: self._place_names()))
+        self._corners: list[tuple[str, float, float]] = []
         self._box: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen(on_point, on_through, on_pointer, on_window, on_reset)
@@ -220,7 +224,13 @@ class MapFigure:
         self._colour(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
-        self._names.data = {"x": [x for x, _ in places], "y": [y for _, y in places], "name": list(colours.names)}
+        self._names.data = {
+            "x": [x for x, _ in places],
+            "y": [y for _, y in places],
+            "name": list(colours.names),
+            "dx": [0.0] * len(places),
+        }
+        self._place_names()
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
 
@@ -290,16 +300,80 @@ class MapFigure:
 
     def points(self, points: Sequence[tuple[str, float, float]]) -> None:
         """Mark the codimension-two points: name, δ, ε."""
-        names, x, y = zip(*points, strict=True) if points else ((), (), ())
-        markers = [SHAPES[MARKERS[name]] for name in names]
-        align, dx, dy = (
-            zip(*(BESIDE.get(name, ("left", 9, -10)) for name in names), strict=True) if names else ((),) * 3
+        self._corners = list(points)
+        self._place_names()
+
+    def _place_names(self) -> None:
+        """Write the names of regions inside the frame, and those of points where they cover no mark or name."""
+        self._move_regions_inside()
+        if not self._corners:
+            glyphs.clear(self._points)
+            return
+        names, x, y = (list(column) for column in zip(*self._corners, strict=True))
+        placed = place_names(
+            [self._on_screen(*at) for at in zip(x, y, strict=True)],
+            [(LETTER * len(name) + 4, ROW) for name in names],
+            self.pixels,
+            self._taken(),
         )
-        columns = (x, y, markers, names, align, dx, dy)
-        self._points.data = {key: list(column) for key, column in zip(glyphs.POINT, columns, strict=True)}
+        rows = []
+        for name, at_x, at_y, found in zip(names, x, y, placed, strict=True):
+            left, bottom = self._on_screen(at_x, at_y)
+            shown = (name, found.centre[0] - left, bottom - found.centre[1]) if found else ("", 0.0, 0.0)
+            end = self._in_plane(*found.leader) if found and found.leader else (at_x, at_y)
+            rows.append((at_x, at_y, SHAPES[MARKERS[name]], *shown, *end))
+        self._points.data = {
+            key: list(column) for key, column in zip(glyphs.POINT, zip(*rows, strict=True), strict=True)
+        }
+
+    def _move_regions_inside(self) -> None:
+        data, width = self._names.data, self.pixels[0]
+        moved = []
+        for x, y, name in zip(data["x"], data["y"], data["name"], strict=True):
+            at, half = self._on_screen(x, y)[0], REGION_LETTER * len(name) / 2 + 3
+            moved.append(min(max(at, half), width - half) - at if 0 <= at <= width else 0.0)
+        if moved != data["dx"]:
+            self._names.data = {**data, "dx": moved}
+
+    def _taken(self) -> list[Box]:
+        """Boxes of the names of regions and of the pins, in pixels."""
+        regions, pins = self._names.data, self._pinned.data
+        return [
+            *(
+                box_about(
+                    (self._on_screen(x, y)[0] + dx, self._on_screen(x, y)[1]),
+                    (REGION_LETTER * len(name) + 6, REGION_ROW),
+                )
+                for x, y, name, dx in zip(*(regions[key] for key in ("x", "y", "name", "dx")), strict=True)
+            ),
+            *(
+                box_about(self._on_screen(x, y), (2 * DISC, 2 * DISC))
+                for x, y in zip(pins["x"], pins["y"], strict=True)
+            ),
+        ]
+
+    def _on_screen(self, delta: float, epsilon: float) -> tuple[float, float]:
+        """Return the pixels of a point from the lower left of the frame."""
+        x, y = (
+            side * (at - span.start) / (span.end - span.start)
+            for side, at, span in zip(self.pixels, (delta, epsilon), self._ranges, strict=True)
+        )
+        return x, y
+
+    def _in_plane(self, x: float, y: float) -> tuple[float, float]:
+        delta, epsilon = (
+            span.start + at / side * (span.end - span.start)
+            for side, at, span in zip(self.pixels, (x, y), self._ranges, strict=True)
+        )
+        return delta, epsilon
+
+    @property
+    def _ranges(self) -> tuple[Any, Any]:
+        return self.figure.x_range, self.figure.y_range
 
     def no_lines(self) -> None:
         """Take all curves and points away."""
+        self._corners = []
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.clear(source)
 
@@ -325,6 +399,7 @@ class MapFigure:
         }
         if found != self._pinned.data:
             self._pinned.data = found
+            self._place_names()
 
     def ellipse(self, points: np.ndarray | None) -> None:
         """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""

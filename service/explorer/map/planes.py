@@ -20,7 +20,7 @@ from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.pictures.largest import open_maps
 from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
-from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
+from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_words
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP, centres, halvings, levels_of
@@ -375,7 +375,7 @@ def map_names(request: SurveyRequest) -> dict[str, Chosen]:
     """Return the same one by one, by their names in words."""
     named = {}
     for name, labels in maps_of(request).items():
-        words = name.replace("_", " ")
+        words = variable_words(name)
         for index, label in enumerate(labels or ("",)):
             named[f"{words}, {label}" if labels else words] = Chosen(name, index)
     return named

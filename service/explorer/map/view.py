@@ -292,8 +292,8 @@ class MapView:
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
         meaning = meaning_of(view.variable)
-        title = colours.title if plane.request.machine is None else in_revolutions(colours.title)
-        self._title.show(f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(title)}{note}")
+        title = f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(colours.title)}{note}"
+        self._title.show(title if plane.request.machine is None else in_revolutions(title))
         if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
             self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)

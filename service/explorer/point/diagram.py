@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+import panel as pn
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
+from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point.parts import DiagramLines, Marks
 from gear_rattle.service.explorer.point.words import counted, number, pair, table
 
@@ -23,6 +28,9 @@ NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # states that sweeps see
 DOTS = 3.6, 1.8  # pixels across: where both sweeps see the same, the second one lies on the first
 ROOM = 0.04  # of the speeds, above and below
+DENSE, ALL = "dense", "all"  # the speeds that the axis shows
+MOST_THIN = 0.5  # share of the states less share of the axis, from which on dense speeds fill the axis
+PLACES = 1e-7, 1e-3  # of the parameter and of the speed: states closer than these are one
 HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: of the picture, of its axis of speeds, across until a browser says it
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # names of events above the data: their rows, and pixels
 
@@ -66,6 +74,11 @@ class DiagramPicture:
             self.figure.add_tools(hover)
         self._here = Span(location=0.0, dimension="height", line_color=HERE, line_width=1.5, line_alpha=0.8)
         self.figure.add_layout(self._here)
+        self.speeds = pn.widgets.RadioButtonGroup(
+            label="Speeds of the diagram", options={"Dense speeds": DENSE, "All speeds": ALL}, visible=False,
+            color="primary", variant="outline", stylesheets=[asset("widgets.css")],
+        )  # fmt: skip
+        Watch().on(self.speeds, self._fit)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
         self.figure.on_change("inner_width", in_event_loop(self._on_width))  # a browser says it
@@ -73,6 +86,7 @@ class DiagramPicture:
     def clear(self) -> None:
         """Show nothing."""
         self._found = None
+        self.speeds.visible = False
         for source in (*self._seen.values(), self._strokes, self._marks, self._names):
             clear(source)
 
@@ -110,12 +124,14 @@ class DiagramPicture:
         self._fit()
 
     def _fit(self) -> None:
-        """Fit the axis of speeds to the data, with room above for the names of events."""
+        """Fit the axis to the dense speeds or to all, with room above for the names of events."""
         found = self._found
         if found is None:
             return
-        low, high = speeds_of(found)
-        names = named_events(found, self._across)
+        dense = dense_speeds(found)
+        self.speeds.visible = dense is not None
+        low, high = speeds_of(found) if dense is None or self.speeds.value == ALL else dense
+        names = named_events(found, self._across, (low, high))
         rows = 1 + max((each.row for each in names), default=-1)
         unit = (high - low) / (INNER - rows * ROW)  # of speed, a pixel
         self.figure.y_range.update(start=low, end=high + rows * ROW * unit)
@@ -153,24 +169,63 @@ class EventName(NamedTuple):
         return lower.left <= upper.line <= lower.right
 
 
-def speeds_of(found: DiagramLines) -> tuple[float, float]:
+def speeds_of(found: DiagramLines) -> Pair:
     """Return the range of all speeds in a diagram, with some room."""
     speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
     if not speeds:
         return 0.0, 7.0
-    low, high = min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds)
+    return _with_room(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
+
+
+def dense_speeds(found: DiagramLines) -> Pair | None:
+    """Return the range of speeds where attractors have most states, with some room; None where no range stands out.
+
+    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The range is the one
+    of largest excess mass: its share of the distinct states less its share of all speeds.
+
+    Returns
+    -------
+    tuple[float, float] | None
+        Lowest and highest speed; None if the excess is below MOST_THIN.
+    """
+    low, high = speeds_of(found)
+    distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / PLACES), axis=0)
+    v = np.sort(distinct[:, 1]) * PLACES[1]
+    if not v.size:
+        return None
+    share, ranks = (v - low) / (high - low), np.arange(v.size) / v.size
+    below = share - ranks
+    excess = np.maximum.accumulate(below) + ranks + 1 / v.size - share
+    end = int(excess.argmax())
+    start = int(below[: end + 1].argmax())
+    return _with_room(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
+
+
+def _with_room(low: float, high: float) -> Pair:
     room = ROOM * (high - low or high or 1.0)
     return low - room, high + room
 
 
-def named_events(found: DiagramLines, across: float) -> list[EventName]:
-    """Return the names that find room above a picture so many pixels across, events on curves of the map first."""
+def named_events(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
+    """Return the names that find room above a picture so many pixels across, events on curves of the map first.
+
+    Parameters
+    ----------
+    shown : (low, high)
+        Speeds that the axis shows; an event without an impact there gets no name.
+
+    Returns
+    -------
+    list[EventName]
+        Names that overlap no other one.
+    """
     marks, (low, high) = found.marks, found.span
     events: dict[tuple[float, str, str, str], list[float]] = {}
     for x, v, kind, name, motion in zip(
         marks.x.tolist(), marks.v.tolist(), marks.kind, marks.name, marks.motion, strict=True
     ):
-        events.setdefault((x, kind, name, motion), []).append(v)
+        if shown[0] <= v <= shown[1]:
+            events.setdefault((x, kind, name, motion), []).append(v)
     placed: list[EventName] = []
     for (x, kind, name, motion), speeds in sorted(events.items(), key=lambda each: (not each[0][2], len(each[1]))):
         text = f"{MEANINGS[kind]} {name or motion}"

@@ -85,11 +85,17 @@ def motion_caption(
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper
     if found.rest < np.inf:
-        return f"{what}: at rest against the wall Φ = β after {found.rest:.3g} {period}s."
+        return f"{what}: at rest against the wall Φ = β after {_so_many(found.rest, period)}."
     speeds = found.impact_speed
     fastest = f", the fastest at a speed of {speeds.max():.4g}" if speeds.size else ""
-    how_long = f"in {found.time[-1]:g} {period}s"
+    how_long = f"in {_so_many(found.time[-1], period)}"
     if attractor is not None and attractor.kind == "periodic":
         upper, lower = attractor.n_plus, attractor.n_minus
         how_long = every(attractor.m, period)
     return f"{what}: {counted(upper, 'impact')} on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."
+
+
+def _so_many(number: float, period: str) -> str:
+    """Return a number of periods, which need not be whole: 1 revolution, 2.5 revolutions."""
+    shown = f"{number:.3g}"
+    return f"{shown} {period}{'' if shown == '1' else 's'}"

@@ -233,7 +233,7 @@ class PointPanel:
         """The one-parameter diagram."""
         found = diagram.DiagramPicture(self.theme, self._below.x_range)
         self._bodies[DIAGRAM][:] = [
-            self._text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction,
+            self._text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
             pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._below.panel,
         ]  # fmt: skip
         return found

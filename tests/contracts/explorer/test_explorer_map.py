@@ -1,5 +1,6 @@
 """What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
 
+import re
 from collections.abc import Iterator
 from copy import copy
 from functools import partial
@@ -18,7 +19,7 @@ from service_support import BODY, compute, front_end, front_of
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.map import planes, shared
-from gear_rattle.service.explorer.map.colouring import NAME, colouring, family_places, values_shown
+from gear_rattle.service.explorer.map.colouring import NAME, Colouring, colouring, family_places, values_shown
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, following, zoomed
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in
@@ -27,11 +28,16 @@ from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
 from gear_rattle.workers.pictures.levels import levels_in_groups, overview
+from gear_rattle.workers.pictures.maps import readable
+from gear_rattle.workers.pictures.names import overlap, place_names
 from gear_rattle.workers.survey.levels import grid
+from gear_rattle.workers.survey.values.quantities import held
+from gear_rattle.workers.survey.values.schema import Group
 from rattle import KINDS
 from rattle.curves import codimension_two
 from rattle.models import Impacting
 from rattle.orbits.period_one import REGIONS
+from rattle.plot import FIGURE_7, FIGURE_8
 from rattle.plot.colours import REGION_COLOURS
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -397,3 +403,86 @@ def test_names_of_families_are_as_far_apart_as_their_letters_are_wide(room: tupl
         assert NAME[0] / 2 - 5 * room[0] / 96 <= x <= room[0] - NAME[0] / 2 + 5 * room[0] / 96  # a few cells
         for other in at[i + 1 :]:
             assert abs(x - other[0]) > 0.95 * NAME[0] or abs(y - other[1]) > 0.95 * NAME[1]
+
+
+SIZES = {"telephone": (290, 300), "laptop": (560, 520), "wide": (1300, 850)}
+WINDOWS = {"Figure 7": FIGURE_7, "Figure 8": FIGURE_8, "between": ((0.5, 0.8), (0.05, 0.2))}
+Boxes = list[tuple[float, float, float, float]]
+
+
+def boxes_on_screen(shown: MapFigure, size: tuple[int, int]) -> tuple[Boxes, Boxes]:
+    """Boxes of the codimension-two points' names and of their marks, in pixels."""
+    data = shown.figure.select_one({"name": "points"}).data_source.data
+    names, marks = [], []
+    for x, y, name, dx, dy in zip(*(data[key] for key in ("x", "y", "name", "dx", "dy")), strict=True):
+        left, bottom = (
+            side * (at - span.start) / (span.end - span.start)
+            for side, at, span in zip(size, (x, y), (shown.figure.x_range, shown.figure.y_range), strict=True)
+        )
+        half = 4.6 * len(name)  # pixels: capitals of 12 px DejaVu Sans have 8.4 to 9.4, digits 7.6, and 2 of padding
+        names.append((left + dx - half, bottom - dy - 9, left + dx + half, bottom - dy + 9))
+        marks.append((left - 5, bottom - 5, left + 5, bottom + 5))
+    return names, marks
+
+
+@pytest.mark.parametrize("window", WINDOWS.values(), ids=WINDOWS)
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+def test_names_of_points_cover_no_mark_and_no_other_name(
+    monkeypatch: pytest.MonkeyPatch, window: planes.Ranges, size: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(MapFigure, "pixels", size)
+    shown = new_map()
+    shown.window(*window)
+    shown.pins({"1": (0.77, 0.0985)})
+    points = points_in(Impacting(0.6), window)
+    shown.points(points)
+    data = shown.figure.select_one({"name": "points"}).data_source.data
+    assert data["name"] == [name for name, _, _ in points]
+    assert len(points) == (3 if window == FIGURE_8 else 4)
+    names, marks = boxes_on_screen(shown, size)
+    for number, name in enumerate(names):
+        assert 0 <= name[0] < name[2] <= size[0]
+        assert 0 <= name[1] < name[3] <= size[1]
+        assert not any(overlap(name, other) for other in (*names[:number], *marks))
+    leaders = zip(data["x"], data["y"], data["to_x"], data["to_y"], strict=True)
+    for (x, y, to_x, to_y), name, mark in zip(leaders, names, marks, strict=True):
+        has_leader = (x, y) != (to_x, to_y)
+        beside = name[0] - 10 < mark[2] and mark[0] < name[2] + 10 and name[1] - 10 < mark[3] and mark[1] < name[3] + 10
+        assert beside or has_leader
+
+
+def test_names_of_regions_stay_inside_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MapFigure, "pixels", (300, 300))
+    shown = new_map()
+    shown.window(*FIGURE_7)
+    codes = np.ones((30, 60), np.float32)
+    delta, epsilon = np.linspace(0.405, 0.995, 60), np.linspace(0.005, 0.295, 30)
+    block = MapBlock(delta, epsilon, codes, codes.astype(np.int8), FIGURE_7)
+    written = {"II": (0.405, 0.15), "I": (0.7, 0.15)}
+    reasons = np.zeros(codes.shape, np.uint8)
+    shown.cells(block, Colouring("", ("#ffffff",), 0.5, 1.5, False, True, (), reasons, (), names=written))
+    names = shown.figure.select_one({"name": "names"}).data_source.data
+    assert names["name"] == ["II", "I"]
+    assert 300 * (0.405 - 0.4) / 0.6 + names["dx"][0] >= 10  # pixels from the left edge: half of what II takes
+    assert names["dx"][1] == 0.0
+
+
+def test_a_name_without_room_is_left_out() -> None:
+    assert place_names([(20.0, 20.0)], [(45.0, 18.0)], (40.0, 40.0)) == [None]
+    (found,) = place_names([(50.0, 50.0)], [(45.0, 18.0)], (400.0, 400.0))
+    assert found is not None
+    assert found.leader is None
+    everywhere = [(200.0, 200.0)] * 12
+    placed = place_names(everywhere, [(45.0, 18.0)] * 12, (400.0, 400.0))
+    assert sum(each is not None and each.leader is not None for each in placed) >= 3
+
+
+def test_names_and_titles_of_maps_are_written_as_everywhere() -> None:
+    request = SurveyRequest(**BODY | {"quantities": list(Group)})
+    names = planes.map_names(request)
+    assert "orbit speed, A" in names
+    assert not [name for name in names if "velocity" in name or "_" in name]
+    titles = [readable(each.long_name) for each in held(request.quantities, request.model)]
+    assert "m of P(m,n₊,n₋), forcing periods; 0 unless periodic" in titles
+    assert "n₋ of P(m,n₊,n₋), impacts on or contacts with Σ⁻; 0 unless periodic" in titles
+    assert not [title for title in titles if re.search(r"velocit|[nvΣ][+-]", title)]

@@ -20,10 +20,17 @@ from waiting import HANG, eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.design.places import CRISES
 from gear_rattle.service.explorer.places.exact import Exact
 from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
-from gear_rattle.service.explorer.point.diagram import DiagramPicture, diagram_caption, named_events, speeds_of
+from gear_rattle.service.explorer.point.diagram import (
+    DiagramPicture,
+    dense_speeds,
+    diagram_caption,
+    named_events,
+    speeds_of,
+)
 from gear_rattle.service.explorer.point.diagram import legend as diagram_legend
 from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
@@ -36,6 +43,7 @@ from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Stiff
+from rattle.plot import FIGURE_5
 from rattle.plot.colours import Palette
 from rattle.stiff import StiffGear
 
@@ -272,6 +280,42 @@ def test_a_diagram_s_axis_is_fitted_to_its_speeds_with_room_for_the_names_of_eve
     assert not any(one.meets(other) for one in placed for other in placed if one is not other)
 
 
+def test_a_cascade_beside_slow_motions_fills_most_of_the_axis() -> None:
+    at, beyond = FIGURE_5
+    found = parts.diagram(rattle.Gear(at, sum(beyond) / 2), "epsilon", (beyond[1] - beyond[0]) / 2)
+    low, high = speeds_of(found)
+    assert low < 0.5  # slow motions beyond the crisis
+    dense = dense_speeds(found)
+    assert dense is not None
+    cascade = found.v[(found.x < CRISES["0.6"][1]) & (found.v > 4.0)]
+    height = dense[1] - dense[0]
+    inside = np.clip(np.quantile(cascade, (0.01, 0.99)), *dense)
+    assert np.ptp(inside) > 0.8 * height > 0.8 * np.ptp(cascade) / 1.1
+    assert np.ptp(cascade) < 0.25 * (high - low)
+    picture = DiagramPicture("light")
+    picture.show(found, 0.1)
+    assert picture.speeds.visible
+    axis = picture.figure.y_range
+    assert axis.start == dense[0]
+    assert np.ptp(inside) > 0.5 * (axis.end - axis.start)  # names of events are above
+    picture.speeds.value = "all"
+    assert axis.start == low
+    picture.clear()
+    assert not picture.speeds.visible
+
+
+def test_an_axis_without_dense_speeds_shows_all() -> None:
+    v = np.linspace(1.0, 4.0, 500)
+    nothing = np.array([])
+    found = drawn(Marks(nothing, nothing, nothing, (), (), ()), v, np.ones(500, bool))
+    assert dense_speeds(found) is None
+    assert dense_speeds(found._replace(x=nothing, v=nothing, upward=nothing.astype(bool))) is None
+    picture = DiagramPicture("light")
+    picture.show(found, 0.1)
+    assert not picture.speeds.visible
+    assert picture.figure.y_range.start == speeds_of(found)[0]
+
+
 def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
     attractor = replace(rattle.Gear(0.6, 0.1).attractors(64)[-1], kind="periodic", m=8, n_plus=8, n_minus=6)
     shown = rattle.Gear(0.6, 0.1).trajectory(attractor.tau, attractor.v, 24.0, 100)
@@ -281,6 +325,8 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
     assert "it: 1 impact on the wall" in motion_caption(shown, "it", words.PERIOD, replace(attractor, n_plus=1))
     cut = f"{np.count_nonzero(shown.impact_wall == 1)} impacts on the wall Φ = β"
     assert f"{cut} and 0 on Φ = −β in 24 forcing periods" in motion_caption(shown, "it")
+    for rest, said in ((1.0, "after 1 revolution."), (0.5, "after 0.5 revolutions.")):
+        assert said in motion_caption(shown._replace(rest=rest), "it", words.REVOLUTION)
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])

@@ -21,14 +21,15 @@ from waiting import HANG
 from gear_rattle.service.cli import app, main
 from rattle import Attractor, Gear, ParameterError, attractors_of
 from rattle.attractors.basins import Basins, boundary
-from rattle.curves import trace
+from rattle.curves import codimension_two, trace
 from rattle.impacting.orbits.period_one import regions as region_of
 from rattle.orbits.period_one import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, legend_name, plane, save
 from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
 from rattle.plot.paper_figures import Range, Takes, parse, request
-from rattle.plot.plane import IN_PAPER
+from rattle.plot.paper_ranges import FIGURE_7, FIGURE_8
+from rattle.plot.plane import IN_PAPER, draw_curve, draw_points
 
 CELLS = 120
 
@@ -444,3 +445,30 @@ else:
     raise SystemExit("matplotlib was not needed")
 """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG)
+
+
+@pytest.mark.parametrize("window", [FIGURE_7, FIGURE_8, ((0.5, 0.8), (0.05, 0.2))], ids=["7", "8", "between"])
+@pytest.mark.parametrize("size", [(3.5, 2.8), (6.8, 5.2), (10.0, 7.0)], ids=["small", "usual", "large"])
+def test_names_of_points_cover_no_marker_and_no_other_name(window: tuple[Range, Range], size: Range) -> None:
+    figure = new_figure(*size)
+    axes = figure.add_subplot(xlim=window[0], ylim=window[1])
+    with np.errstate(all="ignore"):
+        lines = [draw_curve(axes, trace(name, 0.6, *window)) for name in IN_PAPER]
+        points = codimension_two(0.6)
+    axes.set(xlim=window[0], ylim=window[1])
+    labels = draw_points(axes, points, lines)
+    assert labels is not None
+    figure.set_layout_engine("none")
+    inside = [
+        (each.delta, each.epsilon)
+        for each in points
+        if all(low <= at <= high for at, (low, high) in zip((each.delta, each.epsilon), window, strict=True))
+    ]
+    names = [Text.get_window_extent(text, labels.renderer) for text in axes.texts]
+    assert len(names) == len(inside) >= 3
+    half = labels.renderer.points_to_pixels(2.25)
+    for number, name in enumerate(names):
+        for mark in inside:
+            x, y = axes.transData.transform(mark)
+            assert x + half <= name.x0 or name.x1 <= x - half or y + half <= name.y0 or name.y1 <= y - half
+        assert not any(name.overlaps(other) for other in names[:number])

@@ -12,6 +12,10 @@ from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
+from gear_rattle.workers.pictures.figure import survey_figure
+from gear_rattle.workers.pictures.look import Look
+from gear_rattle.workers.pictures.machine_axes import round_numbers
+from gear_rattle.workers.pictures.maps import map_figure, map_picture
 from gear_rattle.workers.storage.export import csv_lines, write_netcdf
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -92,6 +96,39 @@ def test_a_table_has_speeds_and_eccentricities_beside_the_models(stored: tuple[S
             cell = survey.isel(epsilon=number // 3, delta=number % 3)
             assert (float(row["rpm"]), float(row["eccentricity"])) == (cell.rpm, cell.eccentricity)
             assert float(row["quiet_fraction"]) == cell.quiet_fraction
+
+
+def test_a_picture_has_speed_and_eccentricity_as_axes_rising_to_the_right_and_upwards(
+    stored: tuple[SurveyRequest, Path],
+) -> None:
+    request, path = stored
+    survey = xr.open_zarr(path, chunks=None)
+    for figure in (map_figure(survey, "quiet_fraction"), survey_figure(survey)):
+        axes = figure.axes[0]
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("speed, rpm", "eccentricity, µm")
+        for axis, number, per in ((axes.xaxis, "rpm", 1.0), (axes.yaxis, "eccentricity", 1e6)):
+            shown = [float(label.get_text()) for label in axis.get_ticklabels()]
+            of_machine = getattr(request.machine, number)(np.array(axis.get_ticklocs())) * per
+            np.testing.assert_allclose(of_machine, shown, rtol=1e-6)
+            assert len(shown) >= 3
+        left, right = axes.get_xlim()
+        assert request.machine.rpm(left) < request.machine.rpm(right)
+        assert axes.get_ylim()[0] < axes.get_ylim()[1]
+        beside = {each.get_xlabel() + each.get_ylabel() for each in axes.child_axes}
+        assert beside == {"damping δ", "eccentricity ε"}
+    watched = map_figure(survey, "watched_periods")
+    assert "forcing period" not in watched.axes[0].get_title() + watched.axes[1].get_ylabel()
+    assert "revolutions" in watched.axes[1].get_ylabel()
+    window = Look(delta=(float(survey.delta[0]), float(survey.delta[1])), epsilon=(0.0, 5e-4))
+    drawing = map_picture(survey, "region", look=window, form="svg").decode()
+    for said in ("speed, rpm", "eccentricity, µm", "damping δ", "eccentricity ε"):
+        assert f"<!-- {said} -->" in drawing
+
+
+def test_ticks_are_round_numbers() -> None:
+    assert round_numbers(1000.0, 3000.0) == [1000.0, 1500.0, 2000.0, 2500.0, 3000.0]
+    assert round_numbers(80.0, 10000.0) == [100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0]
+    assert round_numbers(0.0, 0.06) == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
 
 
 def test_a_finer_window_is_of_the_same_machine(stored: tuple[SurveyRequest, Path]) -> None:

@@ -1,0 +1,106 @@
+"""Places of names beside marks on a screen, where no name covers a mark or another name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))  # tried in turn
+GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
+MARK = 6.0  # half a side of the square that a mark fills
+SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # along a leader
+
+
+class PlacedName(NamedTuple):
+    """Centre of a name, and the end of the leader from its mark, in pixels; None for a name beside its mark."""
+
+    centre: tuple[float, float]
+    leader: tuple[float, float] | None
+
+
+def place_names(
+    marks: Sequence[tuple[float, float]],
+    sizes: Sequence[tuple[float, float]],
+    frame: tuple[float, float],
+    taken: Sequence[Box] = (),
+) -> list[PlacedName | None]:
+    """Place a name beside each mark, the first free place of a few directions and rising distances.
+
+    A name farther than the smallest distance gets a leader from its mark. No name overlaps a mark, a box that is taken,
+    another name or its leader, or leaves the frame.
+
+    Parameters
+    ----------
+    marks : sequence of (x, y)
+        Marks in pixels from the lower left of the frame.
+    sizes : sequence of (width, height)
+        Size of each name in pixels.
+    frame : (width, height)
+        Size of the frame in pixels.
+    taken : sequence of (left, bottom, right, top)
+        Boxes that no name may cover.
+
+    Returns
+    -------
+    list[PlacedName | None]
+        The place of each name; None for a name without a free place.
+    """
+    boxes = [*taken, *((x - MARK, y - MARK, x + MARK, y + MARK) for x, y in marks)]
+    leaders: list[Array] = []
+    placed = []
+    for mark, size in zip(marks, sizes, strict=True):
+        found = _first_free(np.array(mark), np.array(size), frame, boxes, len(taken) + len(marks), leaders)
+        placed.append(found)
+        if found is not None:
+            boxes.append(box_about(found.centre, size))
+            leaders.append(_dense(np.array(mark), found.leader))
+    return placed
+
+
+def box_about(centre: tuple[float, float], size: tuple[float, float]) -> Box:
+    """Return the box (left, bottom, right, top) of this size about a centre."""
+    (x, y), (width, height) = centre, size
+    return x - width / 2, y - height / 2, x + width / 2, y + height / 2
+
+
+def overlap(one: Box, other: Box) -> bool:
+    """Return whether two boxes share more than an edge."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+def _first_free(
+    mark: Array,
+    size: Array,
+    frame: tuple[float, float],
+    boxes: Sequence[Box],
+    first_name: int,
+    leaders: Sequence[Array],
+) -> PlacedName | None:
+    for gap in GAPS:
+        for across, up in DIRECTIONS:
+            centre = mark + np.array([across, up]) * (size / 2 + (gap if 0 in (across, up) else 0.9 * gap))
+            box = box_about((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
+            if not (box[0] >= 0 and box[1] >= 0 and box[2] <= frame[0] and box[3] <= frame[1]):
+                continue
+            if any(overlap(box, other) for other in boxes) or any(_crosses(leader, box) for leader in leaders):
+                continue
+            end = tuple(np.clip(mark, box[:2], box[2:]).tolist()) if gap > GAPS[0] else None
+            own = _dense(mark, end)
+            if not any(_crosses(own, other) for other in boxes[first_name:]):
+                return PlacedName((float(centre[0]), float(centre[1])), end)
+    return None
+
+
+def _dense(mark: Array, end: tuple[float, float] | None) -> Array:
+    """Return points (k, 2) along a leader; none without one."""
+    return np.empty((0, 2)) if end is None else mark + SAMPLES * (np.array(end) - mark)
+
+
+def _crosses(leader: Array, box: Box) -> bool:
+    return bool(np.any(np.all((leader > box[:2]) & (leader < box[2:]), axis=1)))
