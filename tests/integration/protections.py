@@ -21,7 +21,8 @@ from mutations import PROTECTIONS, Protection
 
 ROOT = Path(__file__).parents[2]
 COPY = ROOT / "build" / "protections"  # the same in every run: compiled kernels are found again by their place
-COPIED = ("rattle", "gear_rattle", "workers", "service", "tests", "pyproject.toml", "docker-compose.yml")
+LEFT_OUT = shutil.ignore_patterns(".*", "build", "node_modules", "__pycache__", "*.egg-info")
+S3 = ".venv-s3"  # the bucket of the tests
 SECONDS = 150
 
 
@@ -33,14 +34,9 @@ def _tail(output: str) -> str:
 def copy_project(copy: Path) -> None:
     """Copy the project, and compile its kernels there unless an earlier run did: no test shall wait for them."""
     shutil.rmtree(copy, ignore_errors=True)
-    copy.mkdir(parents=True)
-    for name in COPIED:
-        source = ROOT / name
-        if source.is_dir():
-            shutil.copytree(source, copy / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy2(source, copy / name)
-    compile_kernels = "import rattle; rattle.precompile()"
+    shutil.copytree(ROOT, copy, symlinks=True, ignore=LEFT_OUT)
+    (copy / S3).symlink_to(ROOT / S3)
+    compile_kernels = "from gear_rattle.service.kernels import compile_kernels; compile_kernels('impacting')"
     subprocess.run([sys.executable, "-c", compile_kernels], cwd=copy, env=_environment(copy), check=True)
 
 
