@@ -11,7 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
-from starlette.requests import cookie_parser
+from starlette.requests import HTTPConnection
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -158,8 +158,8 @@ class AccessMiddleware:
     def _caller_by_key(self, scope: Scope, headers: Headers) -> Caller:
         kind, _, token = headers.get("authorization", "").partition(" ")
         database = scope["app"].state.front.database
-        if not kind and COOKIE in (cookies := cookie_parser(headers.get("cookie", ""))):
-            if (caller := find_session(database, cookies[COOKIE])) is not None:
+        if not kind and (session := HTTPConnection(scope).cookies.get(COOKIE)) is not None:
+            if (caller := find_session(database, session)) is not None:
                 return caller
             raise UnauthorizedError("The session of this browser has ended. Sign in again at /login.")
         if kind.lower() != "bearer":

@@ -1,4 +1,4 @@
-"""Protections against the faults of docs/reliability.md: edits that take each out, and the test that must then fail.
+"""Protections of docs/reliability.md and docs/security.md: edits that take each out, and the test that must then fail.
 
 `protections.py` takes them out one by one.
 """
@@ -20,6 +20,9 @@ METRICS = "tests/contracts/service/test_service_metrics.py"
 DAMAGE = "tests/contracts/service/test_service_damage.py"
 LOGIN = "tests/contracts/service/test_service_login.py"
 REVOCATION = "tests/contracts/service/test_service_revocation.py"
+ACCESS = "tests/contracts/service/test_service_access.py"
+ORIGINS = "tests/contracts/service/test_service_origins.py"
+PROBLEMS = "tests/contracts/service/test_service_problems.py"
 
 
 @dataclass(frozen=True)
@@ -630,7 +633,7 @@ PROTECTIONS = (
     ),
     _one(
         "a compressed body is refused",
-        "tests/contracts/service/test_service_access.py::test_a_compressed_body_is_refused_in_words",
+        f"{ACCESS}::test_a_compressed_body_is_refused_in_words",
         "service/access/middleware.py",
         "                _require_plain(headers)\n",
         "",
@@ -655,5 +658,75 @@ PROTECTIONS = (
         "service/explorer/page/pages.py",
         "if pair[0] not in NAMING]\n        headers",
         "]\n        headers",
+    ),
+    _one(
+        "a request from another machine needs a key",
+        f"{ORIGINS}::test_on_loopback_no_key_is_asked_but_of_those_who_are_not_there",
+        "service/access/middleware.py",
+        "(self._settings.insecure or is_local(scope, headers))",
+        "True",
+    ),
+    _one(
+        "what a proxy forwards is not local",
+        f"{ORIGINS}::test_a_proxy_on_loopback_does_not_open_the_door",
+        "service/access/origins.py",
+        "address.is_loopback and not forwarded",
+        "address.is_loopback",
+    ),
+    _one(
+        "a name that was pointed here is refused",
+        f"{ORIGINS}::test_a_name_that_was_pointed_here_is_refused",
+        "service/access/middleware.py",
+        "            require_own_name(headers, self._settings.host, self._settings.allowed_hosts)\n",
+        "",
+    ),
+    _one(
+        "a page of another site does not write",
+        f"{ORIGINS}::test_a_page_of_another_site_cannot_write",
+        "service/access/middleware.py",
+        "                require_same_origin(headers)\n",
+        "",
+    ),
+    _one(
+        "pages load nothing from other hosts",
+        f"{ORIGINS}::test_no_page_of_another_site_is_allowed_to_read",
+        "service/access/middleware.py",
+        '    "Content-Security-Policy": CONTENT_SECURITY,\n',
+        "",
+    ),
+    _one(
+        "a key that reads does not write",
+        f"{ACCESS}::test_reading_does_not_allow_writing",
+        "service/access/middleware.py",
+        "        if not caller.may(wanted):\n",
+        "        if False:\n",
+    ),
+    _one(
+        "a survey is removed by its owner alone",
+        f"{ACCESS}::test_only_the_key_that_submitted_a_survey_removes_it",
+        "service/access/keys.py",
+        "return self.key is None or job.owner == self.key.id",
+        "return True",
+    ),
+    _one(
+        "a quota counts running surveys",
+        f"{ACCESS}::test_many_requests_at_once_do_not_pass_a_quota",
+        "service/database/survey_rows.py",
+        "if key.max_running is not None and running >= key.max_running:",
+        "if False:",
+    ),
+    _one(
+        "a quota counts cells",
+        f"{ACCESS}::test_many_requests_at_once_do_not_pass_a_quota",
+        "service/database/survey_rows.py",
+        "if key.max_cells is not None and kept + n_cells > key.max_cells:",
+        "if False:",
+    ),
+    _one(
+        "a large body is refused",
+        f"{PROBLEMS}::test_a_large_body_is_refused",
+        "service/app.py",
+        "    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)\n",
+        "",
     ),
 )
