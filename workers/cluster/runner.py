@@ -216,8 +216,7 @@ def run_tiles(
         The request asks for certificates, which the workers cannot make.
     """
     tiles = list(tiles)
-    for tile in tiles:
-        require_aligned(request, tile)
+    require_aligned(request, tiles)
     place = place_of(where)
     with place.writing():
         if tiles:

@@ -7,12 +7,13 @@ import pickle
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import zarr
@@ -28,8 +29,11 @@ from rattle.numerics import environment
 STATUS = "status"
 COMPLETED = "date_completed"  # attribute of the root of a completed survey
 READERS = 8  # files read at a time, because a bucket answers slowly
+BATCH = 1024  # tasks that are submitted at a time, because each waiting one takes 1.6 kB
 _START = f"from {__name__} import serve_tiles; serve_tiles()"
 
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
 Found = tuple[set[int], dict[int, tuple[str, ...]]]  # indices of whole tiles; damaged variables by index
 
 
@@ -170,7 +174,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
-        found = readers.map(lambda index: _lost(place, manifest, index), manifest.tiles)
+        found = _mapped(readers, lambda index: _lost(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
                 readers.shutdown(cancel_futures=True)  # without waiting for the other tiles
@@ -180,6 +184,13 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
             else:
                 done.add(index)
     return done, damaged
+
+
+def _mapped(threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+    """Yield what `threads.map` yields, a batch of items after the other."""
+    left = iter(items)
+    while batch := list(islice(left, BATCH)):
+        yield from threads.map(function, batch)
 
 
 def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
@@ -233,5 +244,5 @@ def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the lost or damaged files of a survey except those that tiles write."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
-        whole = readers.map(lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
+        whole = _mapped(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))
