@@ -4,7 +4,8 @@
 
 The service and the dask scheduler are real. The workers are simulated: many in a process, some of which leave and are
 replaced, and whose tiles are copies of files that were encoded once. The program prints a table of tiles, time per
-tile, memory and rows; then the time to resume after SIGKILL, and the time of `rattle verify`.
+tile, memory and rows; then the time to resume after SIGKILL, and the time of `rattle verify` by one process and by
+several. Processor times are printed too, because other programs on the machine do not change them.
 """
 
 from __future__ import annotations
@@ -140,6 +141,12 @@ def mebibytes(process: psutil.Process) -> int:
     return int(process.memory_info().rss / 2**20)
 
 
+def processor_seconds(process: psutil.Process) -> float:
+    """Return the processor time of a process so far."""
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
 def rows_in(database: Path) -> dict[str, int]:
     """Return the number of rows of each table of the job database."""
     with sqlite3.connect(f"file:{database}?mode=ro", uri=True) as connection:
@@ -170,14 +177,16 @@ def tiles_done(url: str, survey: str) -> int:
 def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Process]) -> int:
     """Print ten lines within `seconds`: finished tiles, time per tile, memory. Return the tiles at the end."""
     began, before = time.monotonic(), tiles_done(url, survey)
-    last = began
+    last, spent = began, [processor_seconds(each) for each in watched.values()]
     while last - began < seconds:
         time.sleep(seconds / 10)
         now, done = time.monotonic(), tiles_done(url, survey)
         memory = " | ".join(str(mebibytes(each)) for each in watched.values())
         pace = 1e3 * (now - last) / max(done - before, 1)
-        print(f"| {now - began:.0f} | {done:,} | {pace:.1f} | {memory} |", flush=True)
-        last, before = now, done
+        spends = [processor_seconds(each) for each in watched.values()]
+        each = " | ".join(f"{1e3 * (b - a) / max(done - before, 1):.1f}" for a, b in zip(spent, spends, strict=True))
+        print(f"| {now - began:.0f} | {done:,} | {pace:.1f} | {each} | {memory} |", flush=True)
+        last, before, spent = now, done, spends
     return before
 
 
@@ -204,22 +213,34 @@ def main() -> None:
                 survey = httpx.post(f"{url}/v1/surveys", json=body(given.side), timeout=600).json()["links"]["self"]
                 while not tiles_done(url, survey):
                     time.sleep(0.1)
-                print(f"first tile after {time.monotonic() - began:.1f} s")
-                print("| s | tiles | ms a tile | front, MiB | scheduler, MiB |\n|---|---|---|---|---|")
+                print(
+                    f"first tile after {time.monotonic() - began:.1f} s, {processor_seconds(front):.1f} s of the front"
+                )
+                print("| s | tiles | ms a tile | of the front | of the scheduler | front, MiB | scheduler, MiB |")
+                print("|---|---|---|---|---|---|---|", flush=True)
                 done = watch(url, survey, given.seconds, {"front": front, "scheduler": scheduler})
-                print("rows:", rows_in(data / "jobs.sqlite"))
+                print("rows:", rows_in(data / "jobs.sqlite"), flush=True)
                 front.send_signal(signal.SIGKILL)
             began = time.monotonic()
             with service(data, address) as (url, front):
-                while tiles_done(url, survey) <= done + 100:
-                    time.sleep(0.1)
-                print(f"resumed after {time.monotonic() - began:.1f} s, {mebibytes(front)} MiB")
-        began = time.monotonic()
+                for more in (0, 100):
+                    while tiles_done(url, survey) <= done + more:
+                        time.sleep(0.1)
+                    print(
+                        f"{more + 1} more tiles {time.monotonic() - began:.1f} s after the restart, "
+                        f"{processor_seconds(front):.1f} s of the front, {mebibytes(front)} MiB",
+                        flush=True,
+                    )
         (store,) = (data / "surveys").glob("*.zarr")
-        verified = subprocess.run(
-            [sys.executable, "-m", "gear_rattle.cli", "verify", str(store)], capture_output=True, text=True, check=False
-        )
-        print(f"verified in {time.monotonic() - began:.1f} s: {verified.stdout.strip()}")
+        command = [sys.executable, "-m", "gear_rattle.cli", "verify", str(store), "--processes"]
+        for processes in (1, PROCESSES):
+            began, before = time.monotonic(), sum(os.times()[2:4])
+            verified = subprocess.run([*command, str(processes)], capture_output=True, text=True, check=False)
+            print(
+                f"verified by {processes} in {time.monotonic() - began:.1f} s, "
+                f"{sum(os.times()[2:4]) - before:.1f} s of processors: {verified.stdout.strip()}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -66,8 +66,7 @@ def run_tiles_here(
         A tile cannot be computed, or another run has locked the store.
     """
     tiles = list(tiles)
-    for tile in tiles:
-        require_aligned(request, tile)
+    require_aligned(request, tiles)
     place = place_of(where)
     stopping, left = threading.Event(), threading.Event()
     ended: SimpleQueue[TileRecord | Exception | None] = SimpleQueue()

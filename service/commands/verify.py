@@ -18,6 +18,7 @@ def verify(
     store: Annotated[
         str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey, a population or certificates.")
     ],
+    processes: Annotated[int, typer.Option(min=1, help="Processes that read tiles; the output is the same.")] = 1,
 ) -> None:
     """Read every file of a store and compare it with its checksum. The exit status is 1 if a file is damaged or lost.
 
@@ -32,7 +33,7 @@ def verify(
     if holds_certificates(place):
         certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
     else:
-        found, certificates = examine(place), examine_beside(place)
+        found, certificates = examine(place, processes), examine_beside(place)
         _print_survey(found, str(place))
         damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
         damaged += found.template

@@ -1,17 +1,22 @@
 """Existing clusters: over TLS, with other versions of packages, and without this package."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from dask.distributed import Client
 from depth import either
 from parts import authority, dask_part, environment
 from service_processes import ENVIRONMENT, OPTIONS, REQUEST, assert_bit_identical, finish, free_port, serial_run
-from waiting import SELDOM, wait_until
+from waiting import HANG, SELDOM, wait_until
 
 import rattle
-from gear_rattle.workers import open_survey
+from gear_rattle.workers import open_survey, run_survey
+from gear_rattle.workers.cluster.cluster import connect
+from gear_rattle.workers.errors import ClusterLostError
 
 OTHER = "0.0.1"
 #: Code that a worker runs first: the worker then reports another version of a package.
@@ -20,12 +25,18 @@ import importlib.metadata as metadata
 version = metadata.version
 metadata.version = lambda name: {other!r} if name == {package!r} else version(name)
 """
+#: Code that a worker runs first: the worker then reports another version of Python, which the check asks of `platform`.
+ANOTHER_PYTHON = """
+import platform
+platform.python_version_tuple = lambda: ("3", "1", "0")
+"""
 #: Code after which a worker cannot import this package, neither from an editable installation nor from a path.
 WITHOUT = """
 import sys
 sys.meta_path[:] = [each for each in sys.meta_path if "editable" not in repr(each).lower()]
 sys.path[:] = [each for each in sys.path if {root!r} not in each or "site-packages" in each]
 """
+WITHOUT_PACKAGE = WITHOUT.format(root=str(Path(rattle.__file__).parents[1]))
 ONE_WORKER = ("--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1")
 
 
@@ -75,14 +86,75 @@ def test_another_version_is_named_beside_this_one(tmp_path: Path, package: str) 
 
 
 def test_a_worker_without_this_package_says_so(tmp_path: Path) -> None:
-    root = str(Path(rattle.__file__).parents[1])
-    with cluster(tmp_path, WITHOUT.format(root=root)) as url:
+    with cluster(tmp_path, WITHOUT_PACKAGE) as url:
         status, said = run(url, tmp_path / "survey.zarr")
     said = " ".join(said.split())
     assert status == 2
     assert "cannot import gear_rattle: install it there" in said
     assert rattle.__version__ in said
     assert "Traceback" not in said
+
+
+@contextmanager
+def late_worker(directory: Path, url: str, first: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A worker that begins with some Python, and its log."""
+    log = directory / "worker.log"
+    (directory / "later").mkdir()
+    (directory / "later" / "sitecustomize.py").write_text(first)
+    command = [sys.executable, "-m", "dask", "worker", url, *ONE_WORKER, "--local-directory", str(directory / "later")]
+    with log.open("wb") as file:
+        worker = subprocess.Popen(
+            command, cwd=directory, env=ENVIRONMENT | {"PYTHONPATH": str(directory / "later")}, stdout=file, stderr=file
+        )
+        try:
+            yield worker, log
+        finally:
+            worker.terminate()
+            worker.wait(timeout=HANG)
+
+
+@contextmanager
+def connected(url: str) -> Iterator[Client]:
+    """A client of a cluster that has workers by then."""
+    with ExitStack() as stack:
+        clients: list[Client] = []
+
+        def is_there() -> bool:
+            try:
+                clients.append(stack.enter_context(connect(url)))
+            except ClusterLostError:
+                return False
+            return True
+
+        wait_until(is_there, SELDOM)
+        yield clients[0]
+
+
+LATE = {
+    "another version": (ANOTHER_VERSION.format(other=OTHER, package="gear-rattle"), f"has gear-rattle {OTHER}, and"),
+    "another numba": (ANOTHER_VERSION.format(other=OTHER, package="numba"), f"has numba {OTHER}, and"),
+    "another Python": (ANOTHER_PYTHON, "has Python 3.1, and"),
+    "no package": (WITHOUT_PACKAGE, "cannot import gear_rattle, and"),
+}
+
+
+@pytest.mark.parametrize("kind", either(["another version", "no package"], list(LATE)))
+def test_a_worker_with_other_software_that_joins_later_is_named_and_computes_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str
+) -> None:
+    first, found = LATE[kind]
+    with cluster(tmp_path, "") as url, connected(url) as client:
+        before = set(client.nthreads())
+        with late_worker(tmp_path, url, first) as (worker, log):
+            worker.wait(timeout=HANG)  # its nanny does not start it again
+            wait_until(lambda: "is refused" in caplog.text)
+            required = f"{found} the process that runs surveys has "
+            for said in (log.read_text(), caplog.text):
+                assert required in said
+            assert found.startswith("has Python") or "numba" in found or rattle.__version__ in caplog.text
+        assert set(client.nthreads()) == before  # the other worker is still there
+        with run_survey(REQUEST, out=tmp_path / "survey.zarr", cluster=client) as dataset:
+            assert_bit_identical(dataset, serial_run(REQUEST))
 
 
 def test_the_command_uses_a_cluster_over_tls_by_its_scheduler_file(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import inspect
 import json
 import logging
 import os
@@ -69,6 +70,11 @@ OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Packages whose versions must be equal in all processes: others cannot exchange messages, or compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
 SHOWN = 3  # a message names at most this many workers
+REFUSED = "gear-rattle-refused"  # topic of dask's events: a worker with other software
+#: Makes the plugin on a worker from its source: without this package a worker could not unpickle one of its classes.
+REBUILD = "(exec(source, names), names['RequireVersions'](versions, module, topic))[1]"
+
+logger = logging.getLogger(__name__)
 
 
 class WarmKernels(WorkerPlugin):
@@ -86,6 +92,64 @@ class WarmKernels(WorkerPlugin):
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
         """Keep the garbage collector from examining all modules when the process ends: it took a third of a second."""
         gc.freeze()
+
+
+class RequireVersions(WorkerPlugin):
+    """Close a worker with other software before its first task, also one that joins later; else load its kernels.
+
+    It is sent as source, and imports nothing of this package before the check, so that any worker can run it.
+
+    Parameters
+    ----------
+    versions : dict[str, str | None]
+        Required versions by package; the version of Python is its first two numbers.
+    module : str
+        Module that a worker must be able to import.
+    topic : str
+        Topic of dask's events in which a refused worker is named.
+    """
+
+    name = "gear-rattle-versions"
+
+    def __init__(self, versions: dict[str, str | None], module: str, topic: str) -> None:
+        self.versions, self.module, self.topic = versions, module, topic
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the source of this class, and the arguments that build it."""
+        source = "from __future__ import annotations\n" + inspect.getsource(RequireVersions)
+        return eval, (REBUILD, {"source": source, "names": {"WorkerPlugin": WorkerPlugin}, **vars(self)})
+
+    async def setup(self, worker: Worker) -> None:
+        """Compare versions before the worker begins a task. A closing worker begins none."""
+        import asyncio
+        import platform
+        from contextlib import suppress
+        from importlib import metadata
+        from importlib.util import find_spec
+
+        here: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
+        for name in self.versions.keys() - here.keys():
+            with suppress(metadata.PackageNotFoundError):
+                here[name] = metadata.version(name)
+        differing = [name for name, version in self.versions.items() if here.get(name) != version]
+        found = f"has {differing[0]} {here.get(differing[0]) or 'none'}" if differing else ""
+        if find_spec(self.module) is None:
+            differing, found = [next(iter(self.versions))], f"cannot import {self.module}"
+        if differing:
+            required = f"{differing[0]} {self.versions[differing[0]] or 'none'}"
+            sentence = (
+                f"the worker at {worker.address} {found}, and the process that runs surveys has {required}: "
+                "the worker is refused, install the same version on both"
+            )
+            worker.log_event(self.topic, sentence)
+            # The end of this must not be awaited: the nanny, which must not start the worker again, answers only once
+            # the worker has started.
+            self.closing = asyncio.create_task(worker.close(reason=sentence))
+            await asyncio.sleep(0)  # closing has begun
+            raise RuntimeError(sentence)  # dask writes it to the worker's log
+        from gear_rattle.workers.cluster.cluster import WarmKernels
+
+        await WarmKernels().setup(worker)
 
 
 @contextmanager
@@ -250,7 +314,8 @@ def _scheduler() -> SpecCluster:
 def connect(url: str) -> Iterator[Client]:
     """Connect to an existing dask scheduler, for example at `tcp://host:8786`. The scheduler keeps running afterwards.
 
-    Its workers need the same version of this package, and access to the store under the same path. For an address
+    Its workers need the same version of this package, and access to the store under the same path. A worker that joins
+    later with other software is closed before it computes, and the logs of both processes say why. For an address
     `tls://host:8786`, dask's settings `distributed.comm.tls` name the certificates.
 
     Parameters
@@ -284,8 +349,9 @@ def connect(url: str) -> Iterator[Client]:
                 f"no dask scheduler with workers answers at {url} ({error}): start them, or correct the address"
             ) from error
         try:
-            require_compatible(client)
-            client.register_plugin(WarmKernels())
+            versions = require_compatible(client)
+            client.subscribe_topic(REFUSED, lambda event: logger.warning("%s", event[1]))
+            client.register_plugin(RequireVersions(versions, MODULE, REFUSED))
         except SurveyError:
             raise
         except Exception as error:
@@ -293,8 +359,13 @@ def connect(url: str) -> Iterator[Client]:
         yield client
 
 
-def require_compatible(client: Client) -> None:
+def require_compatible(client: Client) -> dict[str, str | None]:
     """Require that all workers have the same versions of Python and packages as this process.
+
+    Returns
+    -------
+    dict[str, str | None]
+        Versions of this process by package.
 
     Raises
     ------
@@ -319,6 +390,7 @@ def require_compatible(client: Client) -> None:
                 f"{_named(list(differing))} has {name} {theirs}, and this process has {name} {version or 'none'}: "
                 "install the same version on both"
             )
+    return here
 
 
 def _here(client: Client) -> str:
@@ -328,8 +400,8 @@ def _here(client: Client) -> str:
 
 def _versions(of: Mapping[str, Any]) -> dict[str, str | None]:
     """Return versions by package; the version of Python is its first two numbers."""
-    python = ".".join(str(of["host"]["python"]).split(".")[:2])
-    return {"Python": python} | {name: of["packages"].get(name) for name in PACKAGES}
+    packages = {name: of["packages"].get(name) for name in PACKAGES}
+    return packages | {"Python": ".".join(str(of["host"]["python"]).split(".")[:2])}
 
 
 def _named(addresses: list[str]) -> str:

@@ -131,10 +131,9 @@ def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     list[AnyTile]
         The same tiles, reordered.
     """
-
-    def rank(tile: AnyTile) -> int:
-        row, column = divmod(tile.index, columns)
-        bits = ((row >> bit & 1) + 2 * (column >> bit & 1) for bit in range(BITS))
-        return sum(pair << (2 * (BITS - place)) for place, pair in enumerate(bits))
-
-    return sorted(tiles, key=rank)
+    tiles = list(tiles)
+    rows, across = np.divmod(np.array([tile.index for tile in tiles], np.int64), columns)
+    rank = np.zeros(len(tiles), np.int64)
+    for bit in range(BITS):
+        rank += ((rows >> bit & 1) + 2 * (across >> bit & 1)) << (2 * (BITS - bit))
+    return [tiles[place] for place in np.argsort(rank, kind="stable").tolist()]

@@ -219,8 +219,7 @@ def run_tiles(
         The request asks for certificates, but the workers lack the extra packages for proofs.
     """
     tiles = list(tiles)
-    for tile in tiles:
-        require_aligned(request, tile)
+    require_aligned(request, tiles)
     place = place_of(where)
     with place.writing():
         if tiles:

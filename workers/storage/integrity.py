@@ -3,12 +3,17 @@
 A digest in the manifest includes the file's key. A chunk's own checksum does not, so it would not show exchanged files.
 """
 
+import pickle
+import subprocess
+import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import zarr
@@ -19,10 +24,17 @@ from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
+from rattle.numerics import environment
 
 STATUS = "status"
 COMPLETED = "date_completed"  # attribute of the root of a completed survey
 READERS = 8  # files read at a time, because a bucket answers slowly
+BATCH = 1024  # tasks that are submitted at a time, because each waiting one takes 1.6 kB
+_START = f"from {__name__} import serve_tiles; serve_tiles()"
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+Found = tuple[set[int], dict[int, tuple[str, ...]]]  # indices of whole tiles; damaged variables by index
 
 
 @dataclass(frozen=True)
@@ -52,8 +64,15 @@ class Integrity:
         return not self.tiles
 
 
-def examine(where: str | Path | Place) -> Integrity:
+def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
     """Check every file of a survey's store. In a completed survey a missing chunk counts as lost.
+
+    Parameters
+    ----------
+    where : str | Path | Place
+        Path or s3:// URL of the store.
+    processes : int
+        Number of processes that read tiles; the result does not depend on it.
 
     Returns
     -------
@@ -65,7 +84,7 @@ def examine(where: str | Path | Place) -> Integrity:
     StorageError
         The object store fails.
     SurveyError
-        There is no store, or it is too damaged to be identified.
+        There is no store, or it is too damaged to be identified; or a process that reads tiles was killed.
     """
     place = place_of(where)
     if not place.occupied():
@@ -80,7 +99,7 @@ def examine(where: str | Path | Place) -> Integrity:
     if manifest is None:
         number, lost = _undecodable(place, attributes)
         return Integrity(frozenset(), {}, lost, 0, number, version, completed)
-    done, damaged = examine_tiles(place, manifest)
+    done, damaged = examine_tiles(place, manifest) if processes == 1 else _examine_apart(place, manifest, processes)
     if completed:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
@@ -133,10 +152,8 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
     return number, tuple(lost)
 
 
-def examine_tiles(
-    place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None
-) -> tuple[set[int], dict[int, tuple[str, ...]]]:
-    """Check the chunks of all computed tiles.
+def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None) -> Found:
+    """Return the tiles that are computed and whole, and the damaged variables of the others.
 
     Parameters
     ----------
@@ -145,7 +162,7 @@ def examine_tiles(
 
     Returns
     -------
-    tuple[set[int], dict[int, tuple[str, ...]]]
+    Found
         Indices of whole tiles; damaged variables by index of the tile.
 
     Raises
@@ -157,7 +174,7 @@ def examine_tiles(
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
-        found = readers.map(lambda index: _lost(place, manifest, index), manifest.tiles)
+        found = _mapped(readers, lambda index: _lost(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
                 readers.shutdown(cancel_futures=True)  # without waiting for the other tiles
@@ -167,6 +184,49 @@ def examine_tiles(
             else:
                 done.add(index)
     return done, damaged
+
+
+def _mapped(threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+    """Yield what `threads.map` yields, a batch of items after the other."""
+    left = iter(items)
+    while batch := list(islice(left, BATCH)):
+        yield from threads.map(function, batch)
+
+
+def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
+    """Return what `examine_tiles` returns, from processes that each read every so-many-th tile."""
+    tiles = list(manifest.tiles.items())
+    parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
+    done, damaged = set[int](), dict[int, tuple[str, ...]]()
+    with ThreadPoolExecutor(processes) as threads:
+        for some, lost in threads.map(partial(_examined_apart, str(place)), filter(lambda part: part.tiles, parts)):
+            done |= some
+            damaged |= lost
+    return done, damaged
+
+
+def _examined_apart(where: str, manifest: Manifest) -> Found:
+    """Return what `examine_tiles` returns, from a process that does not import the caller's main module."""
+    command, given = [sys.executable, "-c", _START], pickle.dumps((where, manifest))
+    ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=environment(), check=False)
+    if ran.returncode:
+        raise SurveyError(f"a process that read tiles of {where} ended with status {ran.returncode}: verify it again")
+    found: Found | Exception = pickle.loads(ran.stdout)
+    if isinstance(found, Exception):
+        raise found
+    return found
+
+
+def serve_tiles() -> None:
+    """Examine the tiles that stdin names, and write the result or the error to stdout: the process's main function."""
+    (where, manifest), answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
+    sys.stdout = sys.stderr  # a library may print, which is no answer
+    found: Found | Exception
+    try:
+        found = examine_tiles(place_of(where), manifest)
+    except Exception as error:
+        found = error
+    pickle.dump(found, answer)
 
 
 def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
@@ -184,5 +244,5 @@ def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the keys of lost or damaged files of a survey, except the chunks of tiles."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
-        whole = readers.map(lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
+        whole = _mapped(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))

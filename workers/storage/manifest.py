@@ -23,6 +23,7 @@ from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 #: The manifest is written when more than 1/SHARE of its tiles are new, so that a large manifest is written rarely.
 SHARE = 200
 KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
+LARGE = 4 * 2**20  # bytes; of larger manifests only the last is kept, because one of 10⁹ cells takes 250 MB
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
@@ -57,10 +58,13 @@ def read_file(place: Place, key: str) -> bytes | None:
 def manifest_of(place: Place) -> Manifest | None:
     """Return the manifest of a store, or None if it is missing, damaged or of another version."""
     content = read_file(place, MANIFEST)
-    return None if content is None or place.deletion_begun() else _parsed(content)
+    if content is None or place.deletion_begun():
+        return None
+    return (_parsed_large if len(content) > LARGE else _parsed_small)(content)
 
 
-_parsed = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
+_parsed_small = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
+_parsed_large = lru_cache(maxsize=1)(Manifest.of_bytes)
 
 
 def known_manifest(place: Place) -> Manifest:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -172,12 +172,13 @@ def tiles_done(
     return examine_tiles(place, known_manifest(place), should_stop)[0]
 
 
-def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
-    """Raise SurveyError unless the tile is one whole chunk, because two writers in one chunk lose data silently."""
-    axes = zip(tile.spans, request.tile_shape, request.shape, strict=True)
-    for span, size, num in axes:
-        if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
-            raise SurveyError(f"tile {tile.index} ({span}) is not a chunk of {size}: use the tiles of tiles_of")
+def require_aligned(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
+    """Raise SurveyError unless each tile is one whole chunk, because two writers in one chunk lose data silently."""
+    sides = list(zip(request.tile_shape, request.shape, strict=True))  # once, not for each of 10⁵ tiles
+    for tile in tiles:
+        for span, (size, num) in zip(tile.spans, sides, strict=True):
+            if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
+                raise SurveyError(f"tile {tile.index} ({span}) is not a chunk of {size}: use the tiles of tiles_of")
 
 
 def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
@@ -197,7 +198,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     StorageError
         The tile cannot be written now, or the store is gone because it was deleted or its disk is not there.
     """
-    require_aligned(request, tile)
+    require_aligned(request, [tile])
     place = _place(path, request)
     written = _encoded(request, tile, values)
     for key, content in written.items():
