@@ -72,9 +72,11 @@ from waiting import HANG, eventually
 from gear_rattle.service.app import create_app
 from gear_rattle.service.commands.survey_options import OPTIONS, survey_request
 from gear_rattle.service.explorer.common.address import View, pin_of
+from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.view import PointView
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from rattle.models import MODELS, model_of
@@ -122,13 +124,14 @@ assert "wear" in View(pins=(pin,)).query() and pin.model == model
 async def shown():
     app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False), no_cluster)
     async with app.router.lifespan_context(app):
-        view = PointView(PointPanel("light"), app.state.front, 0.4, 0.1, model)
+        store = Store(View(point=(0.4, 0.1)), REQUEST)
+        view = PointView(PointPanel("light"), app.state.front, store, 0.4, 0.1, model)
 
         async def here(work, *arguments, **_):
             few = {parts.basins: (40, "cells"), parts.chances: (64,)}
             return work(arguments[0], *few[work]) if work in few else work(*arguments)
 
-        view._work.compute = here
+        view.work.compute = here
         assert "bearings of wear w = 0.5" in view.panel.where.html
         await eventually(lambda: "quiet" in view.panel.likely.html and "only" in view.panel.safe.html)
         assert "impacting model only, not of the worn one" in view.panel.safe.html

@@ -29,6 +29,7 @@ UNNAMED = next(iter(ADDED))  # what stands without its name in an address
 HARMONIC = "harmonic:"  # begins a harmonic of a pin
 LONGEST = 16_000  # characters of a value: of pins, 2000 each
 POINT_STATE = "p."
+KEYBOARD = "keyboard"
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
 
@@ -157,16 +158,57 @@ class Further:
         return cls(_word(survey), _word(variable), _index(index), _index(number), minus == ["minus"])
 
 
+class Pointer(NamedTuple):
+    """A point (δ, ε) that a viewer points at, and the name of the figure that is used, or KEYBOARD."""
+
+    at: Pair
+    source: str
+
+
+class AsSeen(NamedTuple):
+    """Settings of the drawn map that its view leaves to the page.
+
+    `limits` are those of its colours, None of codes; `log` says whether these are on a log scale; `pixels` is the size
+    of the map on the screen where a window is shown.
+    """
+
+    limits: Pair | None
+    log: bool
+    pixels: tuple[int, int] | None
+
+
 @dataclass(frozen=True)
 class View:
-    """State of a page, as its address has it.
+    """State of a page. Two views with the same address are equal.
 
-    Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and `machine` is there where
-    the point is that of a machine which was entered. share: P(quiet) of the design limit. profile: of which map there
-    is one above the diagram, None for the map that is shown. pins: points that are compared. family: the number of the
-    one whose cells are shown, the others dimmed.
-
-    No theme is that of the viewer's system.
+    Attributes
+    ----------
+    family : int | None
+        Number of the family whose cells are shown, the others dimmed.
+    limits : Limits | Pair
+        Rule for the range of colours, or (low, high).
+    delta, epsilon : Pair | None
+        Window (low, high) along each axis, None for the whole survey.
+    machine : Entered | None
+        Machine that was entered, if the open point is that of one.
+    share : float
+        P(quiet) of the design limit.
+    profile : Chosen | None
+        Map whose profile stands below the diagram, None for the map that is shown.
+    theme : str
+        Colours of the page; empty for those of the viewer's system.
+    point_state : Mapping[str, str]
+        State of the open point's tabs, see `PointState`.
+    pins : tuple[Pin, ...]
+        Points that are compared.
+    is_variable_chosen : bool
+        True if a viewer chose the variable; not in the address, as is all that follows.
+    pointer : Pointer | None
+        Point that a viewer points at.
+    seen : AsSeen | None
+        Settings of the drawn map, None where nothing is drawn.
+    before, after : tuple[Ranges | None, ...]
+        Windows to go back to and forward to, the next one last; None for the whole survey.
     """
 
     survey: str = ""
@@ -188,10 +230,20 @@ class View:
     theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
+    is_variable_chosen: bool = field(default=False, compare=False)
+    pointer: Pointer | None = field(default=None, compare=False)
+    seen: AsSeen | None = field(default=None, compare=False)
+    before: tuple[Ranges | None, ...] = field(default=(), compare=False)
+    after: tuple[Ranges | None, ...] = field(default=(), compare=False)
+
+    @property
+    def window(self) -> Ranges | None:
+        """Window that is shown, None for the whole survey."""
+        return (self.delta, self.epsilon) if self.delta and self.epsilon else None
 
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
-        """Return the view that a query describes; what cannot be read is left at its default."""
+        """Return the view that a query describes; values that cannot be read are left at their defaults."""
         firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
         text = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
 
@@ -226,6 +278,7 @@ class View:
                 if name.startswith(POINT_STATE) and value and point
             },
             pins=read("pins", _pins, ()),
+            is_variable_chosen=bool(read("variable", _word, "")),
         )
 
     def query(self) -> str:

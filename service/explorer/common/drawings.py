@@ -1,9 +1,10 @@
-"""Drawings of one part of a page, one after the other."""
+"""Draw one part of a page: one drawing after the other."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Hashable, Sequence
+from collections.abc import AsyncGenerator, Callable, Hashable, Sequence
+from contextlib import aclosing
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.viewer import Viewer
@@ -14,23 +15,28 @@ Show = Callable[[], object]
 
 
 class Drawings:
-    """One at a time: its thread would go on if it was given up.
+    """One drawing at a time: its thread would go on if it was given up.
 
-    What is wanted meanwhile is drawn after it, only the newest, and of a survey that runs not before a pause.
+    Of drawings that are wanted meanwhile the newest follows, of a running survey after a pause.
     """
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
         self._wanted: tuple[Hashable, ...] = ()
         self._drawn: tuple[Hashable, ...] = ()
-        self._draw: Callable[[], Awaitable[Show]] | None = None
+        self._draw: Callable[[], AsyncGenerator[Show, None]] | None = None
         self._pause = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    def want(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], Awaitable[Show]]) -> None:
-        """Draw this of these surveys, unless it is drawn or is being drawn.
+    def want(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
+        """Draw something of these surveys, unless it is drawn or is being drawn.
 
-        What `draw` returns shows it, and is called only while the same is wanted, if of fewer cells.
+        Parameters
+        ----------
+        what : Hashable
+            Name of the drawing; one of fewer cells of the same survey has the same name.
+        draw : Callable[[], AsyncGenerator[Show, None]]
+            Yields functions that show what is drawn so far; they are called only while the same drawing is wanted.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
         self._draw, self._pause = draw, 0.0 if all(State(job.state).final for job in jobs) else PAUSE
@@ -38,16 +44,20 @@ class Drawings:
             self._task = self._viewer.start(self._keep_drawing())
 
     def stop(self) -> None:
-        """Nothing is wanted."""
+        """Give up what is being drawn, and want nothing."""
         if self._task is not None:
             self._task.cancel()
         self._wanted, self._drawn, self._draw, self._task = (), (), None, None
 
     async def _keep_drawing(self) -> None:
         while self._draw is not None and self._wanted != self._drawn:
-            self._drawn = self._wanted
-            self._show(self._wanted[0], await self._draw())
-            await asyncio.sleep(self._pause)
+            drawn = self._drawn = self._wanted
+            async with aclosing(self._draw()) as shows:
+                async for show in shows:
+                    self._show(drawn[0], show)
+                    await asyncio.sleep(self._pause)
+                    if self._wanted != drawn:
+                        break
 
     def _show(self, what: Hashable, show: Show) -> None:
         self._viewer.change(lambda: show() if self._wanted[:1] == (what,) else None)

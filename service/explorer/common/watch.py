@@ -1,4 +1,4 @@
-"""Controls that call somebody when a viewer uses them, and nobody when the page itself sets them."""
+"""Call functions when a viewer uses a widget, and none when the page itself sets it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gear_rattle.service.explorer.common.changes import act_in_event_loop
 
 
 class Watch:
-    """Over some widgets."""
+    """Watches some widgets."""
 
     def __init__(self) -> None:
         self._is_paused = False
         self._newest: dict[Any, Any] = {}
 
-    def on(self, widget: Any, used: Callable[[], None]) -> None:
-        """Have somebody called when a viewer has given a widget another value."""
+    def on(self, widget: Any, used: Callable[[], None], name: str = "value") -> None:
+        """Call a function when a viewer has given a widget another value of this parameter."""
 
         def changed(event: Any) -> None:
             if not self._is_paused:
@@ -29,14 +29,14 @@ class Watch:
         def act(event: Any) -> None:
             if self._newest[widget] is event:  # else the newer one follows
                 with self.paused():  # the page may have written another value meanwhile
-                    widget.value = event.new
+                    setattr(widget, name, event.new)
                 used()
 
-        widget.param.watch(changed, "value")
+        widget.param.watch(changed, name)
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Set widgets here."""
+        """Return a context in which the page sets widgets."""
         self._is_paused = True
         try:
             yield

@@ -1,8 +1,8 @@
-"""To go to a place that has a name, or to a point that is entered: its δ and ε, or a machine in SI units."""
+"""Go to a place with a name, or to a point that is entered: its δ and ε, or a machine in SI units."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -13,48 +13,55 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.design.fields import EXACT, POINT, MachineFields
 from gear_rattle.service.explorer.design.places import Bookmark, places
+from gear_rattle.service.explorer.state.events import PlaceChosen, PointClosed, PointOpened
+from gear_rattle.service.explorer.state.store import Store
 from rattle import RattleError
+from rattle.models import BETA, DEFAULT_MODEL, MODELS
 
 
 class GoTo:
-    """The names, and a button that opens the fields, which are made then.
+    """Places with names, a button that opens the fields, which are made then, and one that closes the open point."""
 
-    `on_point` gets (δ, ε), `on_machine` a machine, and `on_place` a place, of which it says why it cannot be shown, if
-    so.
-    """
-
-    def __init__(
-        self,
-        sheet: str,
-        on_point: Callable[[float, float], None],
-        on_machine: Callable[[Entered], None],
-        on_place: Callable[[Bookmark], str],
-    ) -> None:
-        self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
+    def __init__(self, store: Store, sheet: str) -> None:
+        self._store, self._sheet = store, sheet
         options = {"choose one …": ""} | places()
-        self._named = pn.widgets.Select(
+        self.named = pn.widgets.Select(
             label="Named places", options=options, value="", stylesheets=[sheet], width=220, margin=(0, 8, 6, 0)
         )
         self._watch = Watch()
-        self._watch.on(self._named, self._go)
-        self._said = Text("", sheet)
+        self._watch.on(self.named, self._go)
+        self.said = Text("", sheet)
         self._open = pn.widgets.Button(
             label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0)
         )
         on_press(self._open, self._toggle)
         self._fields: pn.Column | None = None
-        self.row = pn.FlexBox(self._named, self._open, align_items="flex-end", sizing_mode="stretch_width", margin=0)
-        self.panel = pn.Column(
-            self.row, self._said.pane, css_classes=["go-to-place"], sizing_mode="stretch_width", margin=0
+        self._close = pn.widgets.Button(
+            label="Close the point", stylesheets=[sheet], visible=store.view.point is not None, margin=(0, 0, 6, 0)
         )
+        on_press(self._close, partial(store.dispatch, PointClosed()))
+        store.subscribe(self._follow, "point")
+        row = pn.FlexBox(
+            self.named, self._open, self._close, align_items="flex-end", sizing_mode="stretch_width", margin=0
+        )
+        self.panel = pn.Column(row, self.said.pane, css_classes=["go-to-place"], sizing_mode="stretch_width", margin=0)
+
+    def _follow(self) -> None:
+        self._close.visible = self._store.view.point is not None
 
     def _go(self) -> None:
-        if place := self._named.value:
-            self._said.html = ""
-            if why := self._on_place(place):
-                self._wrong(why)
-            with self._watch.paused():
-                self._named.value = ""  # so that it can be gone to again
+        """Go to the place that was chosen, if it is of the gear on the map."""
+        place: Bookmark | str = self.named.value
+        if isinstance(place, str):
+            return
+        with self._watch.paused():
+            self.named.value = ""  # so that it can be gone to again
+        if self._store.model != MODELS[DEFAULT_MODEL]():
+            named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
+            self._wrong(f"The places that have names are of the {named}. Choose a survey of it.")
+            return
+        self.said.html = ""
+        self._store.dispatch(PlaceChosen(place.window, place.point, place.state))
 
     def _toggle(self) -> None:
         if self._fields is None:
@@ -83,10 +90,10 @@ class GoTo:
         return pn.Column(self._in_si, plain, self._machine.panel, show, sizing_mode="stretch_width", margin=0)
 
     def _show(self) -> None:
-        self._said.html = ""
+        self.said.html = ""
         if not self._in_si.value:
             if self._delta.value and self._epsilon.value is not None:
-                self._on_point(self._delta.value, self._epsilon.value)
+                self._store.dispatch(PointOpened((self._delta.value, self._epsilon.value)))
             else:
                 self._wrong("Give a damping above 0, and an eccentricity.")
             return
@@ -97,11 +104,11 @@ class GoTo:
             return
         entered = Entered(**given)
         try:
-            entered.machine.gear  # noqa: B018 - raises what is wrong
+            gear = entered.machine.gear
         except RattleError as error:
             self._wrong(str(error))
         else:
-            self._on_machine(entered)
+            self._store.dispatch(PointOpened((gear.delta, gear.epsilon), entered))
 
     def _wrong(self, why: str) -> None:
-        self._said.html = f'<p class="wrong" role="alert">{escape(why)}</p>'
+        self.said.html = f'<p class="wrong" role="alert">{escape(why)}</p>'

@@ -26,20 +26,20 @@ class ToleranceFields:
         style: dict[str, Any] = {"width": 150, "margin": (2, 4), "stylesheets": sheets}
         first, second, share = (pn.widgets.FloatInput(start=0.0, **style) for _ in range(3))
         share.label = "Passes: P(quiet) ≥"
-        self._widgets = first, second, share
+        self.widgets = first, second, share
         self._per = 1.0, 1.0
         self._button = pn.widgets.Button(label="Compute yield", **style)
-        on_press(self._button, self._ask)
+        on_press(self._button, self.ask)
         self.said = Text("", *sheets, margin=(0, 4))
         heading = Text("<h2>Tolerances</h2>", *sheets, margin=(0, 4))
         self.panel = pn.Column(
-            heading.pane, pn.FlexBox(*self._widgets, self._button, align_items="flex-end", margin=0), self.said.pane,
+            heading.pane, pn.FlexBox(*self.widgets, self._button, align_items="flex-end", margin=0), self.said.pane,
             sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
 
     def offer(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
         """Ask for tolerances of a point, in the numbers of its machine where it has one."""
-        first, second, share = self._widgets
+        first, second, share = self.widgets
         if machine is None:
             first.label, second.label, self._per = "σ of δ", "σ of ε", (1.0, 1.0)
             means = gear.delta, gear.epsilon
@@ -53,8 +53,9 @@ class ToleranceFields:
         share.value = given.share
         self.said.html = ""
 
-    def _ask(self) -> None:
-        first, second, share = (each.value for each in self._widgets)
+    def ask(self) -> None:
+        """Ask for the yield with what is entered."""
+        first, second, share = (each.value for each in self.widgets)
         if first is None or second is None or share is None:
             self.said.html = '<p class="wrong" role="alert">A tolerance needs a number in each field.</p>'
         else:

@@ -1,8 +1,8 @@
-"""The family that a viewer has chosen: what is known of it below the map, and its cells on it."""
+"""Show the family that a viewer has chosen: its description below the map, and its cells on it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import AsyncGenerator
 from functools import partial
 from html import escape
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import panel as pn
 
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.common.address import Ranges, View
+from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.drawings import Drawings, Show
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
@@ -26,9 +26,11 @@ from gear_rattle.service.explorer.families.told import (
     require_family,
     stored_families,
 )
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.state.events import FamilyChosen, PointOpened
+from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers import Group, SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import SHARE
 from rattle import RattleError
@@ -52,31 +54,38 @@ class FamilyMaps(NamedTuple):
 
 
 class FamiliesView:
-    """`which` chooses one, of a survey that has families, and `panel` tells of it; `first` gives the map."""
+    """`which` chooses a family, of a survey that has families; `panel` describes it, and its cells are on the map.
 
-    def __init__(self, shared: Shared, viewer: Viewer, sheet: str, first: Callable[[], MapView]) -> None:
-        self._shared, self._viewer, self._first = shared, viewer, first
+    Parameters
+    ----------
+    figure : MapFigure
+        Figure of the map, where all other cells are dimmed.
+    """
+
+    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+        self._shared, self._viewer, self._store, self._figure = shared, viewer, store, figure
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.which = pn.widgets.Select(label="Family", options={NOBODY: ""}, width=165, visible=False, **styled)
         self._watch = Watch()
         self._watch.on(self.which, self._on_chosen)
         self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}
         for name, button in self._along.items():
-            on_press(button, partial(self._go_along, name))
-        self._said = Text("", sheet)
+            on_press(button, partial(self.go_along, name))
+        self.said = Text("", sheet)
         self.panel = pn.Column(
-            self._said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
+            self.said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
             visible=False,
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
-        self._drawings = Drawings(viewer)
+        self.drawings = Drawings(viewer)
         self._of: tuple[str, int, int | None] = ("", 0, None)  # survey, slice, family
         self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
+        store.subscribe(self._follow, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
 
-    def follow(self, view: View, job: JobRow | None) -> None:
-        """Show what belongs to this view; job: of its survey, None without any."""
+    def _follow(self) -> None:
+        view, job = self._store.view, self._store.job
         if job is None or not job.is_readable or not _has_families(job):
-            self._drawings.stop()
+            self.drawings.stop()
             self._hide()
             self.panel.visible = False
             return
@@ -85,19 +94,11 @@ class FamiliesView:
                 self._offer({}, None)
             self._of = of
             self._forget()
-        canvas = self._first().map
-        window = self._first().window if view.delta and view.epsilon else None
-        wanted = view.survey, view.slice, view.family, window, canvas.pixels if window else ()
-        self._drawings.want(wanted, [job], partial(self._draw, view, job, window))
+        wanted = (*of, view.window, self._figure.pixels if view.window else ())
+        self.drawings.want(wanted, [job], partial(self._draw, view, job))
 
-    def end(self) -> None:
-        """Release the resources of a closed page."""
-        self._drawings.stop()
-
-    async def _draw(self, view: View, job: JobRow, window: Ranges | None) -> Show:
-        canvas = self._first().map
-        is_too_close, pixels = canvas.is_too_close, canvas.pixels
-
+    async def _draw(self, view: View, job: JobRow) -> AsyncGenerator[Show, None]:
+        window, is_too_close, pixels = view.window, self._figure.is_too_close, self._figure.pixels
         key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
@@ -112,9 +113,10 @@ class FamiliesView:
         try:
             known, seen = await self._viewer.read(read)
         except RattleError as error:
-            return partial(self._refuse, str(error))
+            yield partial(self._refuse, str(error))
+            return
         self._known = key, known
-        return partial(self._show, view.family, known, seen)
+        yield partial(self._show, view.family, known, seen)
 
     def _read(self, view: View, job: JobRow) -> FamilyMaps:
         place = self._shared.front.directory.store(job.id)
@@ -140,12 +142,11 @@ class FamiliesView:
             self._say(known.why)
             return
         self._offer(options | {known.family.name: str(number)}, number)  # also one that is not among the first
-        first = self._first()
-        first.map.veil(np.isnan(seen.values) | (seen.values <= 0), seen.box)
+        self._figure.veil(np.isnan(seen.values) | (seen.values <= 0), seen.box)
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():
             button.visible = name in self._extents
-        self._said.html = family_in_words(known.family, first.model)
+        self.said.html = family_in_words(known.family, self._store.model)
 
     def _offer(self, options: dict[str, str], number: int | None) -> None:
         value = "" if number is None else str(number)
@@ -162,23 +163,24 @@ class FamiliesView:
         self.which.visible = False
 
     def _say(self, why: str) -> None:
-        self._said.html = f'<p class="faint" role="status">{escape(why)}</p>' if why else ""
+        self.said.html = f'<p class="faint" role="status">{escape(why)}</p>' if why else ""
 
     def _forget(self) -> None:
         self._extents = {}
-        self._said.html = ""
+        self.said.html = ""
         for button in self._along.values():
             button.visible = False
-        self._first().map.no_veil()
+        self._figure.no_veil()
 
     def _on_chosen(self) -> None:
         chosen = str(self.which.value)
-        self._first().keep(family=int(chosen) if chosen else None)
+        self._store.dispatch(FamilyChosen(int(chosen) if chosen else None))
 
-    def _go_along(self, direction: str) -> None:
+    def go_along(self, direction: str) -> None:
+        """Open the point in the middle of the family, with the diagram along this direction."""
         extent = self._extents.get(direction)
         if extent is not None:
-            self._first().open_with(extent.middle, extent.state)
+            self._store.dispatch(PointOpened(extent.middle, state=extent.state))
 
 
 def _has_families(job: JobRow) -> bool:

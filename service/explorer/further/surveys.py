@@ -1,22 +1,17 @@
-"""The surveys that there are, as they are called and chosen."""
+"""Name the surveys that a comparison map can show."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.workers import SurveyRequest
+from gear_rattle.service.explorer.state.store import request_of_job
 
 
-def request_of_job(job: JobRow) -> SurveyRequest:
-    """Return the request of a readable survey."""
-    return SurveyRequest.model_validate(job.request)
-
-
-def surveys_of(jobs: Mapping[str, JobRow]) -> dict[str, str]:
+def surveys_of(jobs: Iterable[JobRow]) -> dict[str, str]:
     """Return the surveys that can be chosen, a slice each, by their names in words."""
     surveys: dict[str, str] = {}
-    for each in jobs.values():
+    for each in jobs:
         for name, number, words in _slices(each) if each.is_readable else []:
             key = f"{name}{words}"
             surveys[f"{key} ({each.id[:6]})" if key in surveys else key] = f"{each.id},{number}"

@@ -1,134 +1,113 @@
-"""Beside the map: what is known of the cell that is pointed at, and the view of the point that was clicked."""
+"""Show the point that is open, beside the map."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
-from typing import Any
+from contextlib import suppress
 
 import panel as pn
 
-from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.figures import PRINTED
-from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.design.go_to import GoTo
-from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import finer_value, readout
+from gear_rattle.service.explorer.map.shared import Shared
 from gear_rattle.service.explorer.point.panel import Below, PointPanel
 from gear_rattle.service.explorer.point.parts import Chances, chances_of_cell
+from gear_rattle.service.explorer.point.state import opened_gear
 from gear_rattle.service.explorer.point.view import PointView
-from rattle import Machine
+from gear_rattle.service.explorer.state.store import JOBS, Store
+from rattle import Machine, RattleError
 from rattle.models import Model
 
-RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model", "machine"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
 #: On a small screen the first thing that is seen of a point is its answer.
 ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {{ order: 1; }} }}"
-HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look closer.</p>"
 
 
 class Beside:
-    """The right side of the page."""
+    """The right side of the page: the open point, between what stands above and below it.
+
+    Attributes
+    ----------
+    point : PointView | None
+        View of the open point.
+    """
 
     def __init__(
         self,
+        shared: Shared,
         viewer: Viewer,
+        store: Store,
         theme: str,
-        sheet: str,
-        on_close: Callable[[], None],
-        on_state: Callable[[dict[str, Any]], None],
-        go_to: GoTo,
-        below: Below | None = None,
+        below: Below,
+        above: pn.Column,
+        under: pn.pane.Bokeh,
     ) -> None:
-        self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
-        self._theme, self._below, self._go_to = theme, below, go_to
-        self._text = Text(HINT, sheet)
-        self._close = pn.widgets.Button(
-            label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
-        )
-        on_press(self._close, lambda: self.close(tell=True))
-        self._view: PointView | None = None
-        self._reading: asyncio.Task[None] | None = None
+        self._shared, self._viewer, self._store = shared, viewer, store
+        self._theme, self._below = theme, below
+        self.point: PointView | None = None
+        self._of: tuple[object, ...] = ()  # place, machine and model of the open point
+        self._answering: asyncio.Task[None] | None = None
         self._points: PointPanel | None = None
-        self._point = pn.Column(sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED])
-        go_to.row.append(self._close)
+        self._column = pn.Column(sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED])
         self.panel = pn.Column(
-            go_to.panel, self._point, self._text.pane, sizing_mode="stretch_width", margin=0,
-            stylesheets=[PRINTED, ANSWER_FIRST],
-        )  # fmt: skip
+            above, self._column, under, sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED, ANSWER_FIRST]
+        )
+        store.subscribe(self._follow, "point", "machine", "point_state", "survey", "slice", JOBS)
 
-    def read(self, plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float, window: Ranges) -> None:
-        """Show what is known at a point, and no more what was asked for before."""
-        self._give_up_reading()
-        self._reading = self._viewer.start(self._read(plane, finer, delta, epsilon, window))
+    def _follow(self) -> None:
+        view, opened = self._store.view, opened_gear(self._store)
+        if view.point is None:
+            self._close()
+        elif opened is not None and (of := (view.point, *opened)) != self._of:
+            self._of = of
+            self._open(view, *opened)
+        elif self.point is not None:
+            self.point.follow()
 
-    def _give_up_reading(self) -> None:
-        if self._reading is not None:
-            self._reading.cancel()
-
-    async def _read(
-        self, plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float, window: Ranges
-    ) -> None:
-        model, here = plane.request.gear_model, finer_value(plane, finer, delta, epsilon)
-        machine = plane.request.machine
-        sample = plane.request.initial_conditions
-        is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)  # as that of a point
-
-        def read() -> tuple[str, Chances | None]:
-            cell = plane.cell(delta, epsilon)
-            known = chances_of_cell(cell, sample.count) if cell is not None and is_whole else None
-            return readout(cell, delta, epsilon, model, window, here, machine), known
-
-        found, known = await self._viewer.read(read)
-
-        def show() -> None:
-            self._text.html = found
-            if known is not None and self._view is not None:
-                self._view.tell_survey(model, (delta, epsilon), known)
-
-        self._viewer.change(show)
-
-    def forget(self) -> None:
-        """Show no cell: what was read is no longer shown."""
-        self._give_up_reading()
-        self._text.html = HINT
-
-    def open(
-        self, delta: float, epsilon: float, model: Model, machine: Machine | None, state: Mapping[str, str]
-    ) -> None:
-        """Show the view of a point."""
-        self._drop()
+    def _open(self, view: View, machine: Machine | None, model: Model) -> None:
+        assert view.point is not None
+        self.end()
         points = self._points or PointPanel(self._theme, self._below)
-        known = {name: value for name, value in state.items() if name not in RESERVED}
-        self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, machine, **known)
-        view.param.watch(lambda event: self._on_state(event.new), "state")
+        self.point = point = PointView(points, self._viewer.front, self._store, *view.point, model, machine)
         self.panel.css_classes = [OPENED]
-        self._close.visible = self._point.visible = True
+        self._column.visible = True
         if self._points is None:
             self._points = points
-            self._point.append(points.column)
+            self._column.append(points.column)
+        self._answering = self._viewer.start(self._answer(point, view, self._store.job, model))
 
-    def go_through(self, to: Pair) -> bool:
-        """Draw the diagram of the point that is open from there to another one; whether one is open."""
-        return self._view is not None and self._view.go_through(to)
+    async def _answer(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
+        """Answer from the survey's cell that the point is in, until the point itself is computed."""
+        assert view.point is not None
+        at = view.point
 
-    def close(self, tell: bool = False) -> None:
-        """Put the view of the point away."""
-        self._drop()
-        self._close.visible = self._point.visible = False
+        def read() -> Chances | None:
+            with suppress(RattleError):  # the survey has no numbers yet
+                plane = self._shared.plane(job, view.variable, view.index, view.slice)
+                sample, cell = plane.request.initial_conditions, plane.cell(*at)
+                is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)  # as that of a point
+                if cell is not None and is_whole and plane.request.gear_model == model:
+                    return chances_of_cell(cell, sample.count)
+            return None
+
+        known = await self._viewer.read(read)
+        if known is not None:
+            self._viewer.change(lambda: point.tell_survey(known))
+
+    def _close(self) -> None:
+        self.end()
+        self._of = ()
+        self._column.visible = False
         if self._points is not None:
             self._points.clear()
         self.panel.css_classes = []
-        if tell:
-            self._on_close()
 
     def end(self) -> None:
-        """Give up the view of the point: its page was closed, and its document is no more."""
-        self._drop()
-
-    def _drop(self) -> None:
-        if self._view is not None:
-            self._view.stop()
-            self._view = None
+        """Give up the view of the point."""
+        if self._answering is not None:
+            self._answering.cancel()
+        if self.point is not None:
+            self.point.stop()
+            self.point = None

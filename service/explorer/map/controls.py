@@ -1,17 +1,19 @@
-"""The controls of the map: its variable, with buttons for some, its index, and the range of its colours."""
+"""Choose a map: its variable, with buttons for some, its index and slice, and the range of its colours."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection
+from html import escape
 from typing import Any, NamedTuple
 
 import panel as pn
 
-from gear_rattle.service.explorer.common.address import LIMITS, Limits, Pair
-from gear_rattle.service.explorer.common.watch import Watch, on_press
-from gear_rattle.service.explorer.map.colouring import Colouring
-from gear_rattle.workers import SurveyRequest
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
+from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers.pictures.look import LARGEST, variable_words
 from rattle.models import ADDED, BETA
 
@@ -68,157 +70,113 @@ def meaning_of(variable: str) -> str:
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
-@dataclass(frozen=True)
-class ControlCallbacks:
-    """Functions called when a viewer has used a control."""
-
-    variable: Callable[[], None]
-    index: Callable[[], None]
-    slice: Callable[[], None]
-    limits: Callable[[], None]
-    own: Callable[[], None]
-    save: Callable[[], None]
-
-
 class Controls:
-    """The widgets. To set them calls nobody."""
+    """The widgets: `featured` has the buttons, `panel` all others. Both have room for more."""
 
-    def __init__(self, sheet: str, log: bool, uses: ControlCallbacks) -> None:
+    def __init__(self, shared: Shared, store: Store, sheet: str) -> None:
+        self._shared, self._store = shared, store
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self._featured: dict[str, str] = {}  # variables that have a button, by its text
-        self._buttons = pn.widgets.RadioButtonGroup(
+        self.buttons = pn.widgets.RadioButtonGroup(
             label="Maps", options=[], color="primary", variant="outline", **styled
         )
-        self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self._index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
-        self._slice = pn.widgets.IntSlider(
-            label="",
-            start=0,
-            end=1,
-            show_value=False,
-            width=150,
-            visible=False,
-            **{**styled, "margin": (2, 16, 2, 0)},
-        )
+        self.variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
+        self.index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
+        self.slice = pn.widgets.IntSlider(
+            label="", start=0, end=1, show_value=False, width=150, visible=False, stylesheets=[sheet],
+            margin=(2, 16, 2, 0),
+        )  # fmt: skip
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
-        self._rule = pn.widgets.Select(label="Colour range", options=options, width=180, **styled)
-        self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
-        self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
-        chosen = [LOG] if log else []
-        self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
-        save = pn.widgets.Button(label="New survey from this view", **styled, css_classes=["save"])
-        on_press(save, lambda: uses.save())
+        self.rule = pn.widgets.Select(label="Colour range", options=options, width=180, **styled)
+        self.low = pn.widgets.FloatInput(label="from", width=110, **styled)
+        self.high = pn.widgets.FloatInput(label="to", width=110, **styled)
+        self.log = pn.widgets.CheckBoxGroup(options=[LOG], **{**styled, "margin": (2, 8, 8, 4)})
+        self.wrong = Text("", sheet)
         self._watch = Watch()
         for widget, used in (
-            (self._buttons, lambda: self._choose(self._featured[self._buttons.value], uses.variable)),
-            (self._variable, lambda: self._choose(self._variable.value, uses.variable)),
-            (self._index, uses.index), (self._slice, uses.slice),
-            (self._rule, uses.limits), (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
+            (self.buttons, self._on_button), (self.variable, self._on_variable), (self.index, self._on_index),
+            (self.slice, self._on_slice), (self.rule, self._on_rule), (self.log, self._on_rule),
+            (self.low, self._on_own), (self.high, self._on_own),
         ):  # fmt: skip
             self._watch.on(widget, used)
-        self.featured = pn.Row(self._buttons, margin=0, stylesheets=[UNPRINTED])
-        self.panel = pn.FlexBox(
-            self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
+        self.featured = pn.Row(self.buttons, margin=0, stylesheets=[UNPRINTED])
+        self.row = pn.FlexBox(
+            self.variable, self.index, self.slice, self.rule, self.low, self.high, self.log,
             margin=0, sizing_mode="stretch_width", align_items="flex-end", stylesheets=[UNPRINTED],
         )  # fmt: skip
+        self.panel = pn.Column(self.row, self.wrong.pane, margin=0, sizing_mode="stretch_width")
+        self._show_limits()
+        store.subscribe(self._show_map, "survey", JOBS, "variable", "index", "slice")
+        store.subscribe(self._show_limits, "limits", "log", "seen")
 
-    @property
-    def variable(self) -> str:
-        """The variable that is chosen."""
-        return str(self._variable.value)
-
-    @property
-    def index(self) -> int:
-        """The index that is chosen."""
-        return int(self._index.value)
-
-    @property
-    def slice(self) -> int:
-        """The slice of a third axis that is chosen."""
-        return int(self._slice.value or 0)
-
-    @property
-    def rule(self) -> Limits | None:
-        """By which rule the colours span the values; None: between limits of the viewer's own."""
-        rule = self._rule.value
-        if rule == OWN:
-            return None
-        return rule if rule in LIMITS else "auto"
-
-    def limits(self, shown: Limits | Pair, colours: Colouring | None) -> Limits | Pair | None:
-        """Return the range of colours where the map has this one.
-
-        None: nothing is shown whose limits could be taken over.
-
-        Returns
-        -------
-        Limits | Pair | None
-            The range, or None.
-        """
-        if self.rule is not None:
-            return self.rule
-        if isinstance(shown, tuple) or colours is None:
-            return shown if isinstance(shown, tuple) else None
-        return colours.low, colours.high
-
-    @property
-    def log(self) -> bool:
-        """True if colours are on a log scale."""
-        return bool(self._log.value)
-
-    @property
-    def own(self) -> Pair | str:
-        """The viewer's own limits, or why they are none."""
-        low, high = self._low.value, self._high.value
-        if low is None or high is None:
-            return "Colours need two limits: a number each."
-        if not low < high:
-            return f"Colours cannot span {low:g} to {high:g}: the first limit must be below the second."
-        if self.log and high <= 0:
-            return f"A log scale shows positive values only: the second limit must be above 0, not {high:g}."
-        return low, high
-
-    def _choose(self, variable: str, then: Callable[[], None]) -> None:
-        """Show a variable in both controls that choose one."""
+    def _show_map(self) -> None:
+        """Offer what the survey has, and show what is chosen."""
+        view, whole = self._store.view, self._store.whole
+        maps = self._shared.maps(self._store)
+        if whole is None or view.variable not in maps:
+            return
+        featured, names = featured_in(maps), maps[view.variable]
         with self._watch.paused():
-            self._variable.value, self._buttons.value = variable, self._button_of(variable)
-        then()
-
-    def _button_of(self, variable: str) -> str | None:
-        return next((button for button, name in self._featured.items() if name == variable), None)
-
-    def offer_variables(self, names: Collection[str], chosen: str) -> None:
-        """Offer the variables of a survey."""
-        self._featured = featured_in(names)
-        with self._watch.paused():
-            self._variable.options = {variable_words(name): name for name in names}
-            self._variable.value = chosen
-            self._buttons.options = list(self._featured)
-            self._buttons.value = self._button_of(chosen)
-
-    def offer_indices(self, names: Sequence[object], chosen: int) -> None:
-        """Offer the indices of a variable, none if it has no such dimension."""
-        with self._watch.paused():
-            self._index.visible = bool(names)
-            self._index.label = "Orbit" if "A" in names else NUMBERED
-            self._index.options = {str(name): number for number, name in enumerate(names)}
+            self.variable.param.update(options={variable_words(name): name for name in maps}, value=view.variable)
+            self.buttons.param.update(
+                options=featured, value=view.variable if view.variable in featured.values() else None
+            )
+            self.index.visible = bool(names)
+            self.index.label = "Orbit" if "A" in names else NUMBERED
+            self.index.options = {str(name): number for number, name in enumerate(names)}
             if names:
-                self._index.value = chosen
+                self.index.value = min(view.index, len(names) - 1)
+            self.slice.visible = bool(whole.third)
+            for name, axis in whole.third_axis.items():
+                (number,) = whole.along(view.slice)
+                label = f"{LETTERS[name]} = {axis.values()[number]:g}"
+                self.slice.param.update(end=axis.num - 1, value=number, label=label)
 
-    def offer_slices(self, request: SurveyRequest, chosen: int) -> None:
-        """Offer the slices of a survey, none without a third axis."""
-        with self._watch.paused():
-            self._slice.visible = bool(request.third)
-            for name, axis in request.third_axis.items():
-                label = f"{LETTERS[name]} = {axis.values()[chosen]:g}"
-                self._slice.param.update(end=axis.num - 1, value=chosen, label=label)
-
-    def show_limits(self, limits: Limits | Pair, colours: Colouring | None) -> None:
+    def _show_limits(self) -> None:
         """Show the range of colours, where they are continuous."""
-        continuous, own = colours is not None and not colours.categorical, isinstance(limits, tuple)
+        view = self._store.view
+        drawn = None if view.seen is None else view.seen.limits
+        is_own = isinstance(view.limits, tuple)
         with self._watch.paused():
-            self._rule.value = OWN if own else limits
-            self._rule.visible = self._log.visible = continuous
-            self._low.visible = self._high.visible = continuous and own
-            if colours is not None and continuous:
-                self._low.value, self._high.value = colours.low, colours.high
+            self.rule.value = OWN if is_own else view.limits
+            self.log.value = [LOG] if view.log else []
+            self.rule.visible = self.log.visible = drawn is not None
+            self.low.visible = self.high.visible = drawn is not None and is_own
+            if drawn is not None:
+                self.low.value, self.high.value = view.limits if isinstance(view.limits, tuple) else drawn
+
+    def _on_button(self) -> None:
+        self._store.dispatch(VariableChosen(str(self.buttons.value)))
+
+    def _on_variable(self) -> None:
+        self._store.dispatch(VariableChosen(str(self.variable.value)))
+
+    def _on_index(self) -> None:
+        self._store.dispatch(IndexChosen(int(self.index.value)))
+
+    def _on_slice(self) -> None:
+        self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
+
+    def _on_rule(self) -> None:
+        """Take over a rule and the scale; own limits begin with those of the drawn colours."""
+        view, limits = self._store.view, self.rule.value
+        if limits == OWN:
+            limits = view.limits if isinstance(view.limits, tuple) else view.seen and view.seen.limits
+        if limits is not None:
+            self._store.dispatch(LimitsSet(limits, bool(self.log.value)))
+
+    def _on_own(self) -> None:
+        own = own_limits(self.low.value, self.high.value, self._store.view.log)
+        self.wrong.html = f'<p class="notice" role="alert">{escape(own)}</p>' if isinstance(own, str) else ""
+        if isinstance(own, tuple):
+            self._store.dispatch(LimitsSet(own, self._store.view.log))
+
+
+def own_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
+    """Return the limits that a viewer has entered, or why they are none."""
+    if low is None or high is None:
+        return "Colours need two limits: a number each."
+    if not low < high:
+        return f"Colours cannot span {low:g} to {high:g}: the first limit must be below the second."
+    if log and high <= 0:
+        return f"A log scale shows positive values only: the second limit must be above 0, not {high:g}."
+    return low, high

@@ -1,8 +1,7 @@
-"""The map by the keyboard: the cell under inspection, where a key takes it, and the window that follows it."""
+"""Control the map by the keyboard: a cursor that steps through cells, and a window that follows it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,21 @@ from bokeh.events import DocumentReady
 from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
-from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.common.address import KEYBOARD, Pair, Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.state import point_of_view
+from gear_rattle.service.explorer.state.events import (
+    PointClosed,
+    Pointed,
+    PointOpened,
+    WayChosen,
+    WentBack,
+    WentForward,
+    WindowMoved,
+    WindowReset,
+)
+from gear_rattle.service.explorer.state.store import Store, window_of
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
 STEPS = 40
@@ -26,55 +35,13 @@ EDGE = 0.25  # of the window, between its edge and a cell that was outside
 WIDEST = 3.0  # windows, of what the survey covers
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
 GO = "point "  # before a point that a link names
-MOST_WINDOWS = 200  # that are remembered
 
 
-class History:
-    """The windows that were shown, to go back to and forward again; None for the whole survey."""
+class Keys:
+    """Keyboard control of one page, see keyboard.js; it dispatches events for the map of the store's survey."""
 
-    def __init__(self) -> None:
-        self._before: list[Ranges | None] = []
-        self._after: list[Ranges | None] = []
-
-    def leave(self, window: Ranges | None) -> None:
-        """Remember this window when it gives way to one that the viewer has chosen."""
-        self._before = [*self._before, window][-MOST_WINDOWS:]
-        self._after = []
-
-    def back(self, now: Ranges | None) -> Ranges | None:
-        """Return the window before this one; this one if there is none."""
-        return self._turn(self._before, self._after, now)
-
-    def forward(self, now: Ranges | None) -> Ranges | None:
-        """Return the window after this one, that `back` has left."""
-        return self._turn(self._after, self._before, now)
-
-    @staticmethod
-    def _turn(source: list[Ranges | None], target: list[Ranges | None], now: Ranges | None) -> Ranges | None:
-        if not source:
-            return now
-        target.append(now)
-        return source.pop()
-
-
-class Cursor:
-    """Keyboard control of one page.
-
-    `where` says what is shown: the map, its window and the point that is open; `look` is told of the cell that the keys
-    have come to, `go` of a new window; `do` has the other words of keyboard.js.
-    """
-
-    def __init__(
-        self,
-        document: Document,
-        plot: figure,
-        where: Callable[[], tuple[MapPlane, Ranges, Pair | None] | None],
-        look: Callable[[Pair], None],
-        go: Callable[[Ranges], None],
-        do: Mapping[str, Callable[[Pair], None]],
-    ) -> None:
-        self._where, self._look, self._go, self._do = where, look, go, do
-        self._at: Pair | None = None
+    def __init__(self, document: Document, plot: figure, store: Store) -> None:
+        self._store = store
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
         keys.on_change("data", in_event_loop(self._pressed))
         plot.tags = [keys]  # or it would not be in the document, and what is pressed not sent
@@ -84,34 +51,56 @@ class Cursor:
             plot.add_tools(CustomAction(icon=icon, description=WINDOWS[word], callback=act))
         document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=asset("keyboard.js")))
 
-    def forget(self) -> None:
-        """Begin anew: something else is pointed at."""
-        self._at = None
-
     def _pressed(self, _attribute: str, _old: object, new: Any) -> None:
-        if (shown := self._where()) is None:
+        view, request = self._store.view, self._store.request
+        if request is None or view.seen is None:  # no map is shown
             return
-        plane, window, point = shown
-        at = self._at or point or window_middle(window)
         steps, words = new["steps"], new["word"]
         if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
-            if plane.request.machine is not None:  # speeds grow to the right, and δ to the left
+            if request.machine is not None:  # speeds grow to the right, and δ to the left
                 steps = [-steps[0], steps[1], -steps[2], steps[3]]
-            at = cursor_after_steps(plane, at, window, steps)
-            self._go(following(window, at))
-            self._stay(at)
+            axes = request.delta.values(), request.epsilon.values()
+            at = cursor_after_steps(axes, self.at, self._store.window, steps)
+            self._go(following(self._store.window, at), at)
         for word in words[:1]:
-            if word in ("closer", "farther"):
-                self._go(zoomed(window, at, CLOSER if word == "closer" else 1 / CLOSER, plane.box))
-                self._stay(at)
-            elif word in self._do:
-                self._do[word](at)
-            elif str(word).startswith(GO) and (named := point_of_view(str(word)[len(GO) :])) is not None:
-                self._do["open"](named)
+            self.press(str(word))
 
-    def _stay(self, at: Pair) -> None:
-        self._at = at
-        self._look(at)
+    @property
+    def at(self) -> Pair:
+        """Place of the cursor: where the keys have moved it, else the open point, else the middle of the window."""
+        view = self._store.view
+        if view.pointer is not None and view.pointer.source == KEYBOARD:
+            return view.pointer.at
+        return view.point or window_middle(self._store.window)
+
+    def press(self, word: str) -> None:
+        """Do what a word of keyboard.js says."""
+        at, dispatch = self.at, self._store.dispatch
+        match word:
+            case "closer" | "farther":
+                factor = CLOSER if word == "closer" else 1 / CLOSER
+                request = self._store.request
+                assert request is not None
+                self._go(zoomed(self._store.window, at, factor, window_of(request)), at)
+            case "all":
+                dispatch(WindowReset())
+            case "open":
+                dispatch(PointOpened(at))
+            case "close":
+                dispatch(PointClosed())
+            case "through":
+                dispatch(WayChosen(at))
+            case "back":
+                dispatch(WentBack())
+            case "forward":
+                dispatch(WentForward())
+            case _ if word.startswith(GO) and (named := point_of_view(word[len(GO) :])) is not None:
+                dispatch(PointOpened(named))
+
+    def _go(self, window: Ranges, at: Pair) -> None:
+        if window != self._store.window:
+            self._store.dispatch(WindowMoved(window))
+        self._store.dispatch(Pointed(at, KEYBOARD))
 
 
 def window_middle(window: Ranges) -> Pair:
@@ -120,12 +109,18 @@ def window_middle(window: Ranges) -> Pair:
     return (left + right) / 2, (bottom + top) / 2
 
 
-def cursor_after_steps(plane: MapPlane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Return the cursor after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
-    return (
-        _along(plane.delta, at[0], window[0], steps[0], steps[2]),
-        _along(plane.epsilon, at[1], window[1], steps[1], steps[3]),
-    )
+def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ranges, steps: list[int]) -> Pair:
+    """Return the cursor after steps along both axes (δ, ε), and after far ones along both.
+
+    A step is a cell of the survey, or a part of the window if that is finer.
+
+    Returns
+    -------
+    Pair
+        (δ, ε) of the cursor.
+    """
+    (delta, epsilon), (right, up, far_right, far_up) = axes, steps
+    return _along(delta, at[0], window[0], right, far_right), _along(epsilon, at[1], window[1], up, far_up)
 
 
 def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:

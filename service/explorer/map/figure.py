@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from gear_rattle.service.explorer.common.theme import INK
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock
+from gear_rattle.service.explorer.state.events import Event, Pointed, PointOpened, WayChosen, WindowMoved, WindowReset
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
 from gear_rattle.workers.pictures.names import Box, box_about, place_names
 from gear_rattle.workers.survey.machine import SurveyedMachine
@@ -38,24 +40,20 @@ LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells wel
 
 
 class MapFigure:
-    """The figure.
+    """The figure, which dispatches what a viewer does in it.
 
-    `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε), `on_window` a window
-    or None for all. beside: the map whose window this one has.
+    Parameters
+    ----------
+    leader : MapFigure | None
+        Map whose window this one has, None for a window of its own.
     """
 
     def __init__(
-        self,
-        theme: str,
-        on_point: Callable[[float, float], None],
-        on_through: Callable[[float, float], None],
-        on_pointer: Callable[[float, float], None],
-        on_window: Callable[[Pair, Pair], None],
-        on_reset: Callable[[], None],
-        beside: MapFigure | None = None,
-        name: str = "map",
+        self, theme: str, dispatch: Callable[[Event], None], leader: MapFigure | None = None, name: str = "map"
     ) -> None:
-        spans = (beside.figure.x_range, beside.figure.y_range) if beside else _spans()
+        self._dispatch = dispatch
+        self._leader, self._window = leader or self, ((nan, nan), (nan, nan))
+        spans = (leader.figure.x_range, leader.figure.y_range) if leader else _spans()
         plot: Any = figure(
             x_range=spans[0],
             y_range=spans[1],
@@ -70,7 +68,7 @@ class MapFigure:
         plot.toolbar.active_scroll = plot.select_one(WheelZoomTool)
         self.figure: Any = plot
         plot.name = name
-        self._axes = axes.MapAxes(plot, is_follower=beside is not None)
+        self._axes = axes.MapAxes(plot, is_follower=leader is not None)
         self._dress(theme)
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
         self._others = glyphs.source_of(glyphs.IMAGE)
@@ -79,13 +77,13 @@ class MapFigure:
         self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
-        for name in (*STYLES, *OWN_STYLES):
+        for line in (*STYLES, *OWN_STYLES):
             source = glyphs.source_of(glyphs.LINE)
-            self._lines[name] = source, glyphs.line(source, name)
-        self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
-        self._cursor, self._ellipse = (glyphs.source_of(("x", "y")) for _ in range(2))
-        self._sure = glyphs.source_of(glyphs.BAND)
-        self._names, self._pinned = glyphs.source_of(("x", "y", "name", "dx")), glyphs.source_of(("x", "y", "name"))
+            self._lines[line] = source, glyphs.line(source, line)
+        self._points, self._sure = glyphs.source_of(glyphs.POINT), glyphs.source_of(glyphs.BAND)
+        self._names = glyphs.source_of(("x", "y", "name", "dx"))
+        self.cross_at, self.cursor_at, self.ellipse_at = (glyphs.source_of(("x", "y")) for _ in range(3))
+        self.pins_at = glyphs.source_of(("x", "y", "name"))
         self._marks, self._band = glyphs.points(self._points), glyphs.band(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
@@ -95,12 +93,12 @@ class MapFigure:
             glyphs.veil(self._others, INK[theme][1]),
             self._band,
             *lines,
-            *glyphs.outline(self._ellipse),
+            *glyphs.outline(self.ellipse_at),
             glyphs.names(self._names),
             *self._marks,
-            *glyphs.cross(self._cross),
-            *glyphs.ring(self._cursor),
-            *glyphs.pins(self._pinned),
+            *glyphs.cross(self.cross_at),
+            *glyphs.ring(self.cursor_at),
+            *glyphs.pins(self.pins_at),
         ]
         glyphs.share(plot.renderers)
         self._beyond = glyphs.beyond_marks(INK[theme][0])
@@ -114,7 +112,7 @@ class MapFigure:
         self._corners: list[tuple[str, float, float]] = []
         self._box: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
-        self._listen(on_point, on_through, on_pointer, on_window, on_reset)
+        self._listen(name)
 
     def _dress(self, theme: str) -> None:
         ink, paper, line = INK[theme]
@@ -128,14 +126,14 @@ class MapFigure:
                 axis_label_text_font_style="normal", major_tick_in=0, major_tick_out=5,
             )  # fmt: skip
 
-    def _listen(
-        self,
-        on_point: Callable[[float, float], None],
-        on_through: Callable[[float, float], None],
-        on_pointer: Callable[[float, float], None],
-        on_window: Callable[[Pair, Pair], None],
-        on_reset: Callable[[], None],
-    ) -> None:
+    def tap(self, event: Any) -> None:
+        """Open the point that was clicked, or go to it from the one that is open if Shift is held."""
+        if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
+            held = event.modifiers is not None and event.modifiers["shift"]
+            at = float(event.x), float(event.y)
+            self._dispatch(WayChosen(at) if held else PointOpened(at))
+
+    def _listen(self, name: str) -> None:
         pointer, window = ColumnDataSource({"x": [], "y": []}), ColumnDataSource({"x": [], "y": []})
         for source, event, data, wait in (
             (pointer, MouseMove, "{x: [cb_obj.x], y: [cb_obj.y]}", POINTER_MS),
@@ -148,22 +146,17 @@ class MapFigure:
 
         def pointed(_attribute: str, _old: object, new: Any) -> None:
             if new["x"] and _finite(new["x"] + new["y"]):
-                on_pointer(float(new["x"][0]), float(new["y"][0]))
+                self._dispatch(Pointed((float(new["x"][0]), float(new["y"][0])), name))
 
         def moved(_attribute: str, _old: object, new: Any) -> None:
             if len(new["x"]) == 2 and _finite(new["x"] + new["y"]):
                 (left, right), (bottom, top) = (sorted(map(float, new[axis])) for axis in "xy")
-                on_window((left, right), (bottom, top))
-
-        def tapped(event: Any) -> None:
-            if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
-                held = event.modifiers is not None and event.modifiers["shift"]
-                (on_through if held else on_point)(float(event.x), float(event.y))
+                self._tell_window(((left, right), (bottom, top)))
 
         pointer.on_change("data", in_event_loop(pointed))
         window.on_change("data", in_event_loop(moved))
-        self.figure.on_event(Tap, in_event_loop(tapped))
-        self.figure.on_event(Reset, in_event_loop(lambda _event: on_reset()))
+        self.figure.on_event(Tap, in_event_loop(self.tap))
+        self.figure.on_event(Reset, in_event_loop(lambda _event: self._dispatch(WindowReset())))
 
     def _on_width(self, _attribute: str, _old: object, width: int) -> None:
         if (width < NARROW) != self._is_narrow:
@@ -186,14 +179,18 @@ class MapFigure:
             min(span.start, span.end) <= at <= max(span.start, span.end) for span, at in ((x, delta), (y, epsilon))
         )
 
-    def window(self, delta: Pair, epsilon: Pair) -> None:
-        """Show this window."""
-        self._axes.window(delta, epsilon)
-        self._hide_what_is_too_large(delta)
+    def _tell_window(self, window: Ranges) -> None:
+        """Dispatch the window that the browser shows; of maps with one window each tells it."""
+        if window != self._leader._window:
+            self._leader._window = window
+            self._dispatch(WindowMoved(window))
 
-    def moved(self, delta: Pair) -> None:
-        """Follow the viewer to this range of δ."""
-        self._hide_what_is_too_large(delta)
+    def show_window(self, window: Ranges) -> None:
+        """Show this window; one that the browser told is there already, or a newer one of a viewer who moves on."""
+        if self._leader is self and window != self._window:
+            self._window = window
+            self._axes.window(*window)
+        self._hide_what_is_too_large(window[0])
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
         self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
@@ -337,7 +334,7 @@ class MapFigure:
 
     def _taken(self) -> list[Box]:
         """Boxes of the names of regions and of the pins, in pixels."""
-        regions, pins = self._names.data, self._pinned.data
+        regions, pins = self._names.data, self.pins_at.data
         return [
             *(
                 box_about(
@@ -388,7 +385,7 @@ class MapFigure:
 
     def cross(self, point: Pair | None) -> None:
         """Mark the point that was clicked."""
-        _put(self._cross, point)
+        _put(self.cross_at, point)
 
     def pins(self, points: Mapping[str, Pair]) -> None:
         """Mark the points that are pinned, each with its number."""
@@ -397,16 +394,16 @@ class MapFigure:
             "y": [y for _, y in points.values()],
             "name": list(points),
         }
-        if found != self._pinned.data:
-            self._pinned.data = found
+        if found != self.pins_at.data:
+            self.pins_at.data = found
             self._place_names()
 
     def ellipse(self, points: np.ndarray | None) -> None:
         """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""
         if points is None:
-            glyphs.clear(self._ellipse)
+            glyphs.clear(self.ellipse_at)
         else:
-            self._ellipse.data = {"x": points[:, 0], "y": points[:, 1]}
+            self.ellipse_at.data = {"x": points[:, 0], "y": points[:, 1]}
 
     def in_si(self, machine: SurveyedMachine | None) -> None:
         """Show the speeds and eccentricities of a machine, or δ and ε alone."""
@@ -414,7 +411,7 @@ class MapFigure:
 
     def cursor(self, point: Pair | None) -> None:
         """Mark the cell that the keyboard has come to."""
-        _put(self._cursor, point)
+        _put(self.cursor_at, point)
 
 
 def _spans() -> tuple[Range1d, Range1d]:

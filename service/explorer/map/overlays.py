@@ -1,17 +1,17 @@
-"""The lines over a map and their key. Each line is found by a task of its own, and the key tells what is missing."""
+"""Draw lines over a map, and list them in a key that says which are missing and why."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Hashable, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 import panel as pn
 
-from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, Pair, Ranges
+from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, UNCHOSEN, Pair, Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.common.lists import Key
@@ -19,6 +19,8 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import Watch
 from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import MapFigure
+from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
+from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
 from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
@@ -38,78 +40,103 @@ LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–
 WHOLE = frozenset({CRISIS, LIMIT})  # lines that no window changes
 
 
-class MapLines:
-    """The lines that may be drawn on a map.
+class Lines:
+    """Lines over a map: curves and points of a model, each found by a task of its own."""
 
-    `on_chosen` is called when the viewer switches some on or off, or asks for another design limit.
-    """
+    def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
+        self._viewer, self._figure = viewer, figure
+        self._of: tuple[Hashable, ...] = ()  # survey and model
+        self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
-    def __init__(
-        self,
-        overlaid: Overlaid,
-        viewer: Viewer,
-        canvas: MapFigure,
-        chosen: Sequence[str],
-        share: float,
-        on_chosen: Callable[[], None],
-        on_share: Callable[[float], None],
-        sheet: str,
-    ) -> None:
-        self._overlaid, self._viewer, self._map = overlaid, viewer, canvas
-        self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._entries: list[dict[str, Any]] = []
-        self.key = Key(overlays=self._entries, chosen=list(chosen), margin=0, sizing_mode="stretch_width")
-        self.key.param.watch(in_event_loop(lambda _event: on_chosen()), "chosen")
-        self._share = pn.widgets.FloatInput(
-            label="Design limit: P(quiet) ≥", value=share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
-            visible=LIMIT in chosen, stylesheets=[sheet], margin=(4, 0),
-        )  # fmt: skip
-        Watch().on(self._share, lambda: on_share(self.share))
-        self.key.param.watch(lambda _event: self._share.param.update(visible=LIMIT in self.chosen), "chosen")
-        self.panel = pn.Column(self.key, self._share, sizing_mode="stretch_width", margin=0)
-        self._span: Pair = 0.4, 1.0
-        self._counting: asyncio.Task[None] | None = None
-        self._listing: asyncio.Task[None] | None = None
-        canvas.choose(tuple(chosen))
-
-    @property
-    def share(self) -> float:
-        """The least P(quiet) of the design limit."""
-        return float(self._share.value or USUAL_SHARE)
-
-    @property
-    def chosen(self) -> tuple[str, ...]:
-        """The lines that are switched on, in the order of the key."""
-        return tuple(name for name in OVERLAYS if name in self.key.chosen)
-
-    def show(self, shades: Sequence[Shade]) -> None:
-        """Show in the key what colours mean, with these shares."""
-        if self._counting is not None:
-            self._counting.cancel()
-        self._shade(shades)
-
-    def count(self, shades: Callable[[], Sequence[Shade]]) -> None:
-        """Show what is counted in a thread."""
-        if self._counting is not None:
-            self._counting.cancel()
-        self._counting = self._viewer.start(self._counted(shades))
-
-    async def _counted(self, shades: Callable[[], Sequence[Shade]]) -> None:
-        found = await self._viewer.read(shades)
-        self._viewer.change(lambda: self._shade(found))
-
-    def _shade(self, shades: Sequence[Shade]) -> None:
-        self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
-
-    def tell(self, model: Model, span: Pair, window: Ranges | None = None) -> None:
-        """List the lines of this model in the key; the survey spans these dampings.
+    def draw(self, names: Sequence[str], model: Model, window: Ranges, *of: Hashable) -> None:
+        """Draw these lines in a window, unless they are drawn or being found; show no others.
 
         Parameters
         ----------
-        window : Ranges | None
-            List only curves and points inside of it, once these are known; None for all of the model.
+        of : Hashable
+            Whatever else the lines depend on; lines of something else are taken away.
         """
-        self._entries, self._span = entries(model), span
+        if self._of != (model, *of):
+            self.clear()
+            self._of = model, *of
+        self._figure.choose(names)
+        for name in names:
+            if _is_offered(name, model):
+                asked = self._asked(name, window)
+                if name in self._tasks:
+                    known, task = self._tasks[name]
+                    if known == asked:
+                        continue
+                    task.cancel()
+                self._tasks[name] = asked, self._viewer.start(self._line(name, model, window))
+
+    def _asked(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - a line may depend on more
+        """Return what a line depends on, beside its model."""
+        return window
+
+    def clear(self) -> None:
+        """Show no lines, and find none."""
+        while self._tasks:
+            self._tasks.popitem()[1][1].cancel()
+        self._of = ()
+        self._figure.no_lines()
+
+    async def _line(self, name: str, model: Model, window: Ranges) -> None:
+        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        if name == POINTS:
+            points = await self._viewer.read(lambda: points_in(model, window))
+            self._viewer.change(lambda: self._figure.points(points))
+        elif name in model.curve_names:
+            pieces, missing = await self._viewer.read(lambda: pieces_of(name, model, *window))
+            self._viewer.change(lambda: self._figure.line(name, pieces))
+            self._note(name, "", missing)
+        else:
+            self._note(name, "", _not_of(model))
+
+    def _note(self, name: str, note: str, missing: str = "") -> None:
+        """Say what is being computed of a line, or why it is missing."""
+
+
+class KeyedLines(Lines):
+    """The lines over the first map, and `panel`, the key where a viewer chooses them."""
+
+    def __init__(self, overlaid: Overlaid, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+        super().__init__(viewer, figure)
+        self._overlaid, self._store = overlaid, store
+        self._listed: tuple[Hashable, ...] = ()
+        self._listing: asyncio.Task[None] | None = None
+        self._entries: list[dict[str, Any]] = []
+        view = store.view
+        self.key = Key(overlays=[], chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
+        self.key.param.watch(in_event_loop(self._on_chosen), "chosen")
+        self.share = pn.widgets.FloatInput(
+            label="Design limit: P(quiet) ≥", value=view.share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
+            visible=LIMIT in view.overlays, stylesheets=[sheet], margin=(4, 0),
+        )  # fmt: skip
+        Watch().on(self.share, self._on_share)
+        self.panel = pn.Column(self.key, self.share, sizing_mode="stretch_width", margin=0)
+        self._list()
+        figure.choose(view.overlays)
+        store.subscribe(self._list, "survey", "slice", JOBS)
+        store.subscribe(self._follow, "survey", "slice", JOBS, "overlays", "share", "delta", "epsilon", "seen")
+
+    def _on_chosen(self, _event: object) -> None:
+        self._store.dispatch(OverlaysChosen(tuple(name for name in OVERLAYS if name in self.key.chosen)))
+
+    def _on_share(self) -> None:
+        self._store.dispatch(ShareSet(float(self.share.value or USUAL_SHARE)))
+
+    def show(self, shades: Sequence[Shade]) -> None:
+        """Show in the key what colours mean, with these shares."""
+        self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
+
+    def _list(self) -> None:
+        """List the lines of the survey's model in the key; of a machine's survey those in its plane, once known."""
+        request, model = self._store.request, self._store.model
+        window = None if request is None or request.machine is None else window_of(request)
+        if (listed := (model, window)) == self._listed:
+            return
+        self._listed, self._entries = listed, entries(model)
         self.key.overlays = self._entries
         if self._listing is not None:
             self._listing.cancel()
@@ -121,54 +148,46 @@ class MapLines:
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
         self._viewer.change(lambda: self.key.param.update(overlays=found))
 
-    def draw(self, names: Sequence[str], model: Model, window: Ranges) -> None:
-        """Find some lines of a model in a window, instead of what was being found of them."""
-        for name in names:
-            if name in self._tasks:
-                self._tasks.pop(name).cancel()
-            if not _is_offered(name, model):
-                continue
-            self._tasks[name] = self._viewer.start(self._line(name, model, window))
+    def _follow(self) -> None:
+        view = self._store.view
+        self.share.visible = LIMIT in view.overlays
+        if self._store.request is None or view.seen is None:
+            self.clear()
+        else:
+            self.draw(view.overlays, self._store.model, self._store.window, view.survey)
 
-    def clear(self) -> None:
-        """Show no lines, and find none."""
-        while self._tasks:
-            self._tasks.popitem()[1].cancel()
-        self._map.no_lines()
+    def _asked(self, name: str, window: Ranges) -> Hashable:
+        if name == LIMIT:
+            return self._span, self._store.view.share
+        return None if name in WHOLE else window
+
+    @property
+    def _span(self) -> Pair:
+        """Dampings of the survey, over which the design limit is computed."""
+        whole = self._store.whole
+        return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
     async def _line(self, name: str, model: Model, window: Ranges) -> None:
+        if name not in WHOLE:
+            await super()._line(name, model, window)
+            return
         await self._viewer.front.kernels.require(model.name, patience=math.inf)
-        if name == POINTS:
-            points = await self._viewer.read(lambda: points_in(model, window))
-            self._viewer.change(lambda: self._map.points(points))
-            return
-        if name == LIMIT:
-            await self._limit(model)
-            return
-        if name == CRISIS:
-            self._note(name, "is being computed …")
-            try:
-                pieces, missing = [await self._overlaid.crises.of(model)], ""
-            except RattleError as error:
-                pieces, missing = [], str(error)
-        else:
-            pieces, missing = await self._viewer.read(lambda: pieces_of(name, model, *window))
-        self._note(name, "", missing)
-        self._viewer.change(lambda: self._map.line(name, pieces))
-
-    async def _limit(self, model: Model) -> None:
-        missing = ""
-        self._note(LIMIT, "is being computed …")
+        self._note(name, "is being computed …")
         try:
-            async for delta, limits in self._overlaid.limits.along(model, self._span, self.share):
-                self._viewer.change(partial(self._show_limit, delta, limits))
+            if name == CRISIS:
+                pieces = [await self._overlaid.crises.of(model)]
+                self._viewer.change(lambda: self._figure.line(name, pieces))
+            else:
+                async for delta, limits in self._overlaid.limits.along(model, self._span, self._store.view.share):
+                    self._viewer.change(partial(self._show_limit, delta, limits))
         except RattleError as error:
-            missing = str(error)
-        self._note(LIMIT, "", missing)
+            self._note(name, "", str(error))
+        else:
+            self._note(name, "")
 
     def _show_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
-        self._map.line(LIMIT, split(limit_line(delta, limits)))
-        self._map.band(*limit_band(delta, limits))
+        self._figure.line(LIMIT, split(limit_line(delta, limits)))
+        self._figure.band(*limit_band(delta, limits))
 
     def _note(self, name: str, note: str, missing: str = "") -> None:
         entries = [

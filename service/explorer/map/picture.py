@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import urlencode
 
-from gear_rattle.service.explorer.common.address import Pair, View
+from gear_rattle.service.explorer.common.address import AsSeen, View
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import Room
 from gear_rattle.workers.pictures.look import LIMIT
@@ -15,20 +15,9 @@ from gear_rattle.workers.survey.values.schema import FIXED
 FORMS = ("png", "svg", "pdf")
 
 
-class AsSeen(NamedTuple):
-    """Settings that a view leaves to the page.
-
-    What colours span, None of codes, whether in the logarithm, and of a window the pixels that it has.
-    """
-
-    limits: Pair | None
-    log: bool
-    pixels: Room | None
-
-    @classmethod
-    def of(cls, colours: Colouring, pixels: Room | None) -> AsSeen:
-        """Return the settings of a map in these colours."""
-        return cls(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
+def as_seen(colours: Colouring, pixels: Room | None) -> AsSeen:
+    """Return the settings of a map in these colours."""
+    return AsSeen(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
 def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = None) -> str:

@@ -15,6 +15,7 @@ import xarray as xr
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Chosen, Pair, Ranges
+from gear_rattle.service.explorer.state.store import box_of_cells
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import reading
@@ -266,17 +267,6 @@ def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
-
-
-def window_of(request: SurveyRequest) -> Ranges:
-    """Return the box that the cells of a requested plane will cover."""
-    return box_of_cells(request.delta.values(), request.epsilon.values())
-
-
-def box_of_cells(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
-    """Return the box that cells cover: half a cell more on each side."""
-    dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
-    return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))
 
 
 def _nearest(axis: np.ndarray, value: float) -> int | None:

@@ -17,7 +17,8 @@ from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, 
 from gear_rattle.service.explorer.common.news import LISTED, News
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import usual_lines
-from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of, window_of
+from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
+from gear_rattle.service.explorer.state.store import Store, window_of
 from gear_rattle.service.operations.overlaid import Overlaid
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
@@ -154,6 +155,12 @@ class Shared:
         if not is_whole or job.state != State.SUCCESSFUL:  # more may come
             return plane, is_whole, *_drawn(plane, *how)
         return plane, True, *drawn(ref(plane), *how)
+
+    def maps(self, store: Store) -> dict[str, Any]:
+        """Return the maps of the survey that is chosen, or of the example, as `maps_of`."""
+        if not store.view.survey:
+            return self.exact.maps
+        return {} if store.whole is None else maps_of(store.whole)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
         """Return a map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""

@@ -1,10 +1,9 @@
-"""The document of one open page: its parts, and how they act on each other."""
+"""Make the document of one open page of its parts, and act on surveys for it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -15,15 +14,18 @@ from pydantic import ValidationError
 
 from gear_rattle.service.database.tables import JobKind, Scope
 from gear_rattle.service.errors import ServiceError, UnknownSurveyError
-from gear_rattle.service.explorer.common.address import FURTHER, Pair, Pin, View
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.address import FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
-from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.design.go_to import GoTo
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.files import asset, tour
-from gear_rattle.service.explorer.further.maps import FurtherMaps
+from gear_rattle.service.explorer.further.maps import ComparisonMaps
+from gear_rattle.service.explorer.map.beside import Beside
+from gear_rattle.service.explorer.map.controls import Controls
+from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.shared import Shared, shown_first
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.form import Form, what_is_wrong
@@ -31,8 +33,9 @@ from gear_rattle.service.explorer.page.head import SCHEME, theme_of
 from gear_rattle.service.explorer.page.rows import row_of
 from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.explorer.section.section import Section
+from gear_rattle.service.explorer.state.events import SurveyChosen
+from gear_rattle.service.explorer.state.store import JOBS, Store, request_of_job
 from gear_rattle.service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
-from gear_rattle.workers import SurveyRequest
 
 
 class _Template(pn.Template):
@@ -59,14 +62,14 @@ def open_page(shared: Shared) -> pn.Template:
 
 
 class Page:
-    """The parts of a page."""
+    """The parts of a page, which share its store, and where they stand in its document."""
 
     def __init__(self, shared: Shared, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
+        self.store = store = Store(view, shared.exact.request)
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
-        self._standings: dict[str, JobStatus] = {}
         self._unasked = ""  # the survey that is shown because nobody chose one
         self._form: Form | None = None
         viewer.tell = self._tell
@@ -75,30 +78,48 @@ class Page:
         self._list = SurveyMenu(
             self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
         )
+        self._watch = Watch()
+        self._watch.on(self._list, self._choose, "chosen")
         self._new = pn.widgets.Button(
             label="New survey", color="primary", css_classes=["new"], stylesheets=[sheet], margin=8
         )
         on_press(self._new, self._toggle_form)
+        save = pn.widgets.Button(
+            label="New survey from this view", stylesheets=[sheet], margin=(2, 8, 2, 0), css_classes=["save"]
+        )
+        on_press(save, self._save_window)
         # In a column of its own: what is put between others has all of them set anew.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
             self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0
         )
-        self._pins = Pins(viewer, view.pins, self._on_pins, self._go_to_pin)
-        self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
-        self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
-        self._families = FamiliesView(shared, viewer, sheet, lambda: self._map)
-        self._map = MapView(
-            shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.below,
-            self._further.point_at,
-        )  # fmt: skip
-        self._map.offer(self._families.which)
-        self._map.offer(self._further.add)
-        self._list.param.watch(in_event_loop(lambda event: self._choose(event.new)), "chosen")
-        self.template = self._laid_out(theme)
+        store.subscribe(self._choose_first, JOBS)
+        figure = MapFigure(theme, store.dispatch)
+        self._map = MapView(shared, viewer, store, figure, sheet)
+        controls = Controls(shared, store, sheet)
+        self._section = Section(shared, viewer, store, theme, sheet)
+        go_to = GoTo(store, sheet)
+        self._beside = Beside(shared, viewer, store, theme, self._section.below, go_to.panel, self._map.readout.pane)
+        self._families = FamiliesView(shared, viewer, store, figure, sheet)
+        self._further = ComparisonMaps(shared, viewer, store, figure, theme, sheet)
+        self._pins = Pins(viewer, store)
+        controls.row.extend([save, self._families.which, self._further.add])
+        self.template = self._laid_out(
+            theme,
+            side=self._side,
+            pins=self._pins.table,
+            families=self._families.panel,
+            featured=controls.featured,
+            controls=controls.panel,
+            beside=self._beside.panel,
+            **self._map.parts,
+            **dict(zip(FURTHER, self._further.places, strict=True)),
+        )
+        store.subscribe(self._show_address)
+        store.subscribe(self._show_rows)
         shared.news.listen(self._on_news)
 
-    def _laid_out(self, theme: str) -> pn.Template:
+    def _laid_out(self, theme: str, **parts: Any) -> pn.Template:
         template = _Template(asset("page.html"), location=True)
         for name, value in {
             "theme": theme,
@@ -107,9 +128,7 @@ class Page:
             "tour": tour(),
         }.items():
             template.add_variable(name, value)
-        further = dict(zip(FURTHER, self._further.places, strict=True))
-        own = {"side": self._side, "pins": self._pins.table, "families": self._families.panel}
-        for name, part in {**own, **self._map.parts, **further}.items():
+        for name, part in parts.items():
             template.add_panel(name, part)
         return template
 
@@ -118,72 +137,41 @@ class Page:
 
     async def _take(self, standings: Sequence[JobStatus]) -> None:
         standings = await self._viewer.read(lambda: self._with_asked(standings))  # if the key still holds
-        caller = self._viewer.caller
-        rows = [row_of(each, self._map.view, caller.owns(each.job), self._map.seen) for each in standings]
-
-        def show() -> None:
-            self._standings = {each.job.id: each for each in standings}
-            self._list.param.update(rows=rows, ready=True)
-            shown = self._map.view.survey
-            gone = shown == self._unasked and shown not in self._standings  # news may be older than a deletion
-            if (not shown or gone) and (first := shown_first(each.job for each in standings)):
-                self._unasked = first.id
-                self._list.chosen = first.id
-            self._map.follow(self._standings.get(self._map.view.survey))
-            self._follow()
-
-        self._viewer.change(show)
+        self._viewer.change(lambda: self.store.learn({each.job.id: each for each in standings}))
 
     def _with_asked(self, standings: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """And the survey of the address, which need not be among the newest."""
-        asked = self._map.view.survey
+        asked = self.store.view.survey
         if asked and all(each.job.id != asked for each in standings):
             with suppress(UnknownSurveyError):
                 job = self._shared.front.database.job(asked, JobKind.SURVEY)
                 return [*standings, JobStatus(job, overall_rate(job), None)]
         return standings
 
-    def _choose(self, survey_id: str) -> None:
-        if survey_id in self._standings:
-            self._map.choose(self._standings[survey_id].job)
+    def _choose_first(self) -> None:
+        """Show a survey where nobody has chosen one."""
+        shown, jobs = self.store.view.survey, self.store.jobs
+        gone = shown == self._unasked and shown not in jobs  # news may be older than a deletion
+        if (not shown or gone) and (first := shown_first(each.job for each in jobs.values())):
+            self._unasked = first.id
+            self.store.dispatch(SurveyChosen(first.id))
 
-    def _remember(self, view: View) -> None:
-        """Remember the view in the URL that reproduces it."""
-        self._show_address()
-        self._follow()
-        if self._standings:
-            owns = self._viewer.caller.owns
-            self._list.rows = [row_of(each, view, owns(each.job), self._map.seen) for each in self._standings.values()]
+    def _choose(self) -> None:
+        """Show the survey that is chosen in the list."""
+        if self._list.chosen in self.store.jobs:
+            self.store.dispatch(SurveyChosen(self._list.chosen))
 
-    def _follow(self) -> None:
-        """Follow the map: the parts that belong to it show the same survey."""
-        view = self._map.view
-        standing = self._standings.get(view.survey)
-        job = standing.job if standing else None
-        self._section.follow(view, job)
-        self._families.follow(view, job)
-        self._viewer.change(lambda: self._map.mark_pins(self._pins.pins))
-        jobs = {survey_id: each.job for survey_id, each in self._standings.items()}
-        self._further.follow(replace(view, pins=self._pins.pins), jobs)
-        self._pins.follow(self._map.pin)
-
-    def _keep(self, **values: Any) -> None:
-        self._map.keep(**values)
-
-    def _go_through(self, to: Pair) -> None:
-        self._map.through(*to)
+    def _show_rows(self) -> None:
+        """Show the surveys in the list."""
+        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.owns
+        if self.store.is_told:
+            rows = [row_of(each, view, owns(each.job)) for each in jobs.values()]
+            with self._watch.paused():
+                self._list.param.update(rows=rows, chosen=view.survey, ready=True)
 
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
-        self._location.search = replace(self._map.view, pins=self._pins.pins).query()
-
-    def _on_pins(self) -> None:
-        self._show_address()
-        self._viewer.change(self._follow)  # the table tells of it without the document's lock
-
-    def _go_to_pin(self, pin: Pin) -> None:
-        if not self._map.go_to_pin(pin):
-            self._tell("This point is of another model than the map, or of other numbers of it: choose a survey of it.")
+        self._location.search = self.store.view.query()
 
     def _toggle_form(self) -> None:
         if self._form is not None and self._form.panel in self._entering:
@@ -209,35 +197,33 @@ class Page:
             job = await self._viewer.read(lambda: self._shared.front.database.job(survey_id))
 
             def choose() -> None:
-                self._standings[survey_id] = JobStatus(job, None, None)
-                self._map.show_usual_variable()
-                self._list.chosen = survey_id
+                self.store.learn({**self.store.jobs, survey_id: JobStatus(job, None, None)})
+                self.store.dispatch(SurveyChosen(survey_id, is_new=True))
 
             self._viewer.change(choose)
 
         self._viewer.start(show())
 
     def _save_window(self) -> None:
-        view = self._map.view
-        window = self._map.window
+        store = self.store
         form = self._opened_form()
-        form.fill_window(window, self._map.model, self._map.machine)
-        if view.survey in self._standings and self._standings[view.survey].job.is_readable:
-            form.sample.fill(self._request(view.survey))
-
-    def _request(self, survey_id: str) -> SurveyRequest:
-        """Return the request of a survey; with a third axis that of the visible slice."""
-        request, view = SurveyRequest.model_validate(self._standings[survey_id].job.request), self._map.view
-        return request.at(request.along(view.slice if survey_id == view.survey else 0))
+        form.fill_window(store.window, store.model, store.machine)
+        if store.view.survey and store.request is not None:
+            form.sample.fill(store.request)
 
     def _act(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
-        if action == "again" and survey_id in self._standings and self._standings[survey_id].job.is_readable:
-            self._opened_form().fill(self._request(survey_id))
-        elif action in ("cancel", "delete") and survey_id in self._standings:
+        if survey_id not in self.store.jobs:
+            return
+        job = self.store.jobs[survey_id].job
+        if action == "again" and job.is_readable:
+            request, view = request_of_job(job), self.store.view
+            slice_ = request.along(view.slice if survey_id == view.survey else 0)
+            self._opened_form().fill(request.at(slice_))
+        elif action in ("cancel", "delete"):
             self._viewer.start(self._remove(action, survey_id))
-        elif action == "resume" and survey_id in self._standings:
+        elif action == "resume":
             self._viewer.start(self._resume(survey_id))
-        elif action == "describe" and survey_id in self._standings:
+        elif action == "describe":
             self._viewer.start(self._describe(survey_id, entered))
 
     async def _resume(self, survey_id: str) -> None:
@@ -276,7 +262,9 @@ class Page:
         """Release the resources after the browser has left."""
         self._shared.news.leave(self._on_news)
         self._map.end()
+        self._beside.end()
         self._further.end()
-        self._families.end()
+        self._families.drawings.stop()
+        self._section.drawings.stop()
         self._pins.end()
         self._viewer.end()

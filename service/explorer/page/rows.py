@@ -7,7 +7,7 @@ from typing import Any
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
-from gear_rattle.service.explorer.map.picture import AsSeen, picture_query, thirds
+from gear_rattle.service.explorer.map.picture import picture_query, thirds
 from gear_rattle.service.harmonics import written_harmonics
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
@@ -17,8 +17,8 @@ from rattle.models import ADDED
 STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 
 
-def row_of(standing: JobStatus, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
-    """Return a survey as the list shows it in this view; seen: of the map that is drawn."""
+def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
+    """Return a survey as the list shows it in this view."""
     job = standing.job
     state, message = job.shown
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -39,7 +39,7 @@ def row_of(standing: JobStatus, view: View, owned: bool, seen: AsSeen | None = N
         "mine": owned,
         "facts": [*facts, submitted],
         "variable": STORED.get(view.variable, view.variable) if chosen else "",
-        "picture": picture_query(job.request, view, seen) if chosen else "",
+        "picture": picture_query(job.request, view, view.seen) if chosen else "",
         "slice": [next(thirds(job.request), ""), view.slice] if chosen else ["", 0],
     }
 

@@ -1,4 +1,4 @@
-"""The points that a page has pinned: computed one after the other, shown side by side, kept by the address."""
+"""Show the pinned points side by side; they are computed one after the other."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.pins.table import PinResults, csv_of, lines_of, results_of_point
+from gear_rattle.service.explorer.point.state import opened_pin
 from gear_rattle.service.explorer.point.work import Work
+from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
+from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import RattleError
 
 COUNT = 1024  # initial conditions of each
 FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."
+OTHER = "This point is of another model than the map, or of other numbers of it: choose a survey of it."
 FAILED = "This could not be computed: an error of the service, which has been logged."
 log = logging.getLogger(__name__)
 
@@ -47,34 +51,23 @@ class PinTable(JSComponent):
 
 
 class Pins:
-    """The pins of a page.
+    """The pins of the store's view, in a table; the open point is offered to be pinned."""
 
-    Parameters
-    ----------
-    pins
-        Those of its address.
-    remember
-        Told when there are others.
-    go
-        Shows the point of a pin.
-    """
-
-    def __init__(
-        self, viewer: Viewer, pins: tuple[Pin, ...], remember: Callable[[], None], go: Callable[[Pin], None]
-    ) -> None:
-        self._viewer, self.pins, self._remember, self._go = viewer, pins, remember, go
+    def __init__(self, viewer: Viewer, store: Store) -> None:
+        self._viewer, self._store = viewer, store
         self._told: dict[Pin, PinResults | str] = {}
         self._work: dict[Pin, Work] = {}
-        self._open: Pin | None = None
         self.table = PinTable(self._act, margin=0, sizing_mode="stretch_width")
         self._task: asyncio.Task[None] | None = None
         self._show()
+        store.subscribe(self._follow, "pins", "point", "machine", "survey", "slice", JOBS)
 
-    def follow(self, opened: Pin | None) -> None:
-        """Offer the point that is open, if one is, to be pinned; compute what is not known."""
-        if opened != self._open:
-            self._open = opened
-            self._show()
+    def _follow(self) -> None:
+        pins = self._store.view.pins
+        for pin in [each for each in self._work if each not in pins]:
+            self._work.pop(pin).stop()
+            self._told.pop(pin, None)
+        self._show()
         self._compute()
 
     def end(self) -> None:
@@ -83,33 +76,27 @@ class Pins:
             work.stop()
 
     def _act(self, action: str, number: int) -> None:
-        if action == "pin" and self._open is not None and self._open not in self.pins:
-            if len(self.pins) == MOST_PINS:
+        pins, opened = self._store.view.pins, opened_pin(self._store)
+        if action == "pin" and opened is not None and opened not in pins:
+            if len(pins) == MOST_PINS:
                 self._viewer.tell(FULL)
-                return
-            self._change((*self.pins, self._open))
-            self._compute()
-        elif 0 <= number < len(self.pins):
-            pin = self.pins[number]
-            if action == "remove":
-                if (work := self._work.pop(pin, None)) is not None:
-                    work.stop()
-                self._told.pop(pin, None)
-                self._change(tuple(each for each in self.pins if each != pin))
-            elif action == "go":
-                self._go(pin)
-
-    def _change(self, pins: tuple[Pin, ...]) -> None:
-        self.pins = pins
-        self._show()
-        self._remember()
+            else:
+                self._store.dispatch(PinAdded(opened))
+        elif action == "remove" and 0 <= number < len(pins):
+            self._store.dispatch(PinRemoved(pins[number]))
+        elif action == "go" and 0 <= number < len(pins):
+            pin = pins[number]
+            if pin.model == self._store.model:
+                self._store.dispatch(PointOpened((pin.delta, pin.epsilon)))
+            else:
+                self._viewer.tell(OTHER)
 
     def _compute(self) -> None:
         if self._next() is not None and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._compute_all())
 
     def _next(self) -> Pin | None:
-        return next((each for each in self.pins if each not in self._work), None)
+        return next((each for each in self._store.view.pins if each not in self._work), None)
 
     async def _compute_all(self) -> None:
         while (pin := self._next()) is not None:
@@ -134,10 +121,10 @@ class Pins:
         await work.change(show)
 
     def _show(self) -> None:
-        is_offered = self._open is not None and self._open not in self.pins
+        pins, opened = self._store.view.pins, opened_pin(self._store)
         self.table.param.update(
-            offered=self._open.label if self._open is not None and is_offered else "",
-            heads=[f"{i}: {each.label}" for i, each in enumerate(self.pins, start=1)],
-            lines=lines_of(self.pins, self._told),
-            csv=csv_of(self.pins, self._told),
+            offered=opened.label if opened is not None and opened not in pins else "",
+            heads=[f"{i}: {each.label}" for i, each in enumerate(pins, start=1)],
+            lines=lines_of(pins, self._told),
+            csv=csv_of(pins, self._told),
         )

@@ -88,9 +88,10 @@ class BasinsPicture:
                 "tau", "v", source=self._chosen, marker="circle", size=size, fill_alpha=0, line_color=shade,
                 line_width=width,
             )  # fmt: skip
-        self.figure.on_event(Tap, in_event_loop(self._tapped))
+        self.figure.on_event(Tap, in_event_loop(self.tap))
 
-    def _tapped(self, event: Any) -> None:
+    def tap(self, event: Any) -> None:
+        """Choose the motion that begins where the picture was clicked."""
         if event.x is not None and event.y is not None and 0 < event.y < self._v_max:
             self._on_tap(float(event.x % 1.0), float(event.y))
 

@@ -1,4 +1,4 @@
-"""Choices of a viewer at a point: one of its motions, and the axis of its diagram."""
+"""Show what a viewer chooses at a point: one of its motions, its diagram, tolerances."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import replace
 from html import escape
 
 import rattle
-from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_beside
 from gear_rattle.service.explorer.design.tolerance import Tolerance
@@ -32,8 +31,14 @@ NO_ATTRACTOR = "#8a96a3"
 class Choices:
     """The motion with its spectrum and sound, the diagram and the tolerances of one point.
 
-    What is chosen is remembered. `own_again` is called when the point's own basins are looked at again, `opened` when
-    another tab is open.
+    Parameters
+    ----------
+    chosen : PointState
+        State of the tabs; `follow` gets each other one.
+    choose : Callable[[PointState], None]
+        Called with what a viewer chooses.
+    own_again : Callable[[], None]
+        Called when the point's own basins are looked at again.
     """
 
     def __init__(
@@ -44,13 +49,12 @@ class Choices:
         machine: Machine | None,
         palette: Palette,
         chosen: PointState,
-        remember: Callable[[PointState], None],
+        choose: Callable[[PointState], None],
         own_again: Callable[[], None],
-        opened: Callable[[], None],
     ) -> None:
         self._panel, self._work, self._palette = panel, work, palette
         self._gear, self._machine = gear, machine
-        self._chosen, self._remember, self._own_again, self._opened = chosen, remember, own_again, opened
+        self._chosen, self._choose, self._own_again = chosen, choose, own_again
         self._period = period_of(machine)
         self._shown_motion: tuple[object, ...] | None = None
         self._known_diagram: DiagramLines | None = None
@@ -71,14 +75,20 @@ class Choices:
         """The tab that is open."""
         return self._chosen.open_tab
 
-    def _on_tab(self, tab: str) -> None:
-        self._go(replace(self._chosen, tab=tab))
+    def follow(self, chosen: PointState) -> None:
+        """Show another choice."""
+        before, self._chosen = self._chosen, chosen
+        self._panel.open(chosen.open_tab)
+        if chosen.way != before.way:
+            self._draw_anew()
+        if (chosen.attractor, chosen.start) != (before.attractor, before.start):
+            self._offer_motions()
+            self.ring()
+        if chosen.tolerance not in (None, before.tolerance):
+            self._find_yield(chosen.tolerance)
 
-    def _go(self, chosen: PointState) -> None:
-        """Choose something, and open its tab."""
-        self._choose(chosen)
-        self._panel.open(self.tab)
-        self._opened()
+    def _on_tab(self, tab: str) -> None:
+        self._choose(replace(self._chosen, tab=tab))
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
         """Offer the attractors, as soon as they are known."""
@@ -215,8 +225,10 @@ class Choices:
         await self._work.tell(self._panel.heard, loudness.player(found))
 
     def _on_tolerance(self, widths: Tolerance) -> None:
-        self._choose(replace(self._chosen, tolerance=widths))
-        self._find_yield(widths)
+        if widths == self._chosen.tolerance:  # once more
+            self._find_yield(widths)
+        else:
+            self._choose(replace(self._chosen, tolerance=widths))
 
     def _find_yield(self, widths: Tolerance) -> None:
         said = self._panel.tolerance.said
@@ -234,10 +246,6 @@ class Choices:
 
         await self._work.change(show)
 
-    @property
-    def _way(self) -> tuple[object, ...]:
-        return self._chosen.direction, self._chosen.span, self._chosen.to
-
     def draw(self) -> None:
         """Show the diagram, once its tab is open, and its events in a table."""
         is_new = self._known_diagram is None or self._drawn_diagram is not self._known_diagram
@@ -250,11 +258,11 @@ class Choices:
 
     async def _one_diagram(self) -> None:
         if self._known_diagram is None:
-            direction, span, to = way = self._chosen.direction, self._chosen.span, self._chosen.to
+            direction, span, to = way = self._chosen.way
             found = await self._work.compute(
                 parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
             )
-            if way != self._way:
+            if way != self._chosen.way:
                 return  # another one is being computed
             self._known_diagram = found
         await self._work.change(self._show_diagram)
@@ -271,32 +279,19 @@ class Choices:
             self._panel.under_diagram.html = diagram.legend(found, self._panel.theme) + said
 
     def _on_tap(self, tau: float, v: float) -> None:
-        self._choose_motion(replace(self._chosen, start=(tau, v)))
+        self._choose(replace(self._chosen, start=(tau, v), tab=MOTION))
 
     def _on_motion(self, number: int | None) -> None:
         if number is not None and number != CLICKED:
-            self._choose_motion(replace(self._chosen, attractor=number, start=None))
-
-    def _choose_motion(self, chosen: PointState) -> None:
-        self._go(replace(chosen, tab=MOTION))
-        self._offer_motions()
-        self.ring()
+            self._choose(replace(self._chosen, attractor=number, start=None, tab=MOTION))
 
     def _on_direction(self, direction: str) -> None:
-        self._draw_anew(replace(self._chosen, direction=direction, to=None, at=None))
+        self._choose(replace(self._chosen, direction=direction, to=None, at=None, tab=DIAGRAM))
 
-    def go_through(self, to: Pair) -> None:
-        """Draw the diagram from the point to another one."""
-        self._draw_anew(replace(self._chosen, to=to, at=None))
-
-    def _draw_anew(self, chosen: PointState) -> None:
-        self._choose(replace(chosen, tab=DIAGRAM))
-        self._panel.open(DIAGRAM)
+    def _draw_anew(self) -> None:
+        """Draw another diagram."""
+        self._panel.show_direction(self._chosen.direction)
         self._along.offer(self._chosen)
         self._known_diagram = None
         self._panel.under_diagram.html = waiting("the diagram")
         self._draw()
-
-    def _choose(self, chosen: PointState) -> None:
-        self._chosen = chosen
-        self._remember(chosen)

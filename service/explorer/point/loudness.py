@@ -87,17 +87,17 @@ class SpectrumPicture:
 
     def __init__(self, theme: str) -> None:
         self.figure: Any = themed_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
-        self._lines = ColumnDataSource({"x": [], "y": []})
+        self.lines = ColumnDataSource({"x": [], "y": []})
         self._density = ColumnDataSource({"x": [], "y": [], "low": [], "high": []})
         self._drawn = [
-            self.figure.segment("x", 0, "x", "y", source=self._lines, line_width=2.5),
+            self.figure.segment("x", 0, "x", "y", source=self.lines, line_width=2.5),
             self.figure.line("x", "y", source=self._density, line_width=1.5),
             self.figure.varea("x", "low", "high", source=self._density, fill_alpha=0.25),
         ]
 
     def clear(self) -> None:
         """Show nothing."""
-        for source in (self._lines, self._density):
+        for source in (self.lines, self._density):
             clear(source)
 
     def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
@@ -107,7 +107,7 @@ class SpectrumPicture:
         x = hertz * found.order
         if isinstance(found, Lines):
             y = newton * np.abs(found.amplitude)
-            self._lines.data = {"x": x, "y": y}
+            self.lines.data = {"x": x, "y": y}
             what = "force, N" if machine else "force"
         else:
             power = newton * newton / hertz

@@ -23,7 +23,7 @@ class MotionPictures:
         walls = (-1.0, 1.0)
         self.trace: Any = themed_figure("trace", theme, "", "Φ", 260, (0.0, 1.0), walls)
         self.portrait: Any = themed_figure("portrait", theme, "Φ", "", 260, walls, (-7.0, 7.0))
-        self._samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
+        self.samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
         ink = ink_of(theme)
         style: dict[str, Any] = {"line_color": ink, "line_width": 3, "line_alpha": 0.55}
@@ -35,8 +35,8 @@ class MotionPictures:
             self.trace.add_layout(over)
             self.portrait.add_layout(under)
         self._drawn = [
-            self.trace.line("t", "phi", source=self._samples, line_width=1.6),
-            self.portrait.line("phi", "velocity", source=self._samples, line_width=1.2),
+            self.trace.line("t", "phi", source=self.samples, line_width=1.6),
+            self.portrait.line("phi", "velocity", source=self.samples, line_width=1.2),
         ]
         impacts = self.trace.scatter("t", "phi", source=self._impacts, size=4, color=ink, alpha=0.8)
         tooltips = [("impact at", "@t{%.4f}"), ("speed", "@speed{%.4g}")]
@@ -45,7 +45,7 @@ class MotionPictures:
 
     def clear(self) -> None:
         """Show nothing."""
-        for source in (self._samples, self._impacts):
+        for source in (self.samples, self._impacts):
             clear(source)
 
     def show(self, found: rattle.Trajectory, beta: float, colour: str, period: str) -> None:
@@ -59,7 +59,7 @@ class MotionPictures:
         self.trace.x_range.update(start=0.0, end=float(found.time[-1]))
         fastest = ROOM * max(float(np.abs(found.velocity).max()), 1e-3 * beta)
         self.portrait.y_range.update(start=-fastest, end=fastest)
-        self._samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
+        self.samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
         shown = slice(0, 2000)
         self._impacts.data = {
             "t": found.impact_time[shown],

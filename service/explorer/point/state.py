@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gear_rattle.service.explorer.common.address import Entered, Pair, View
+from gear_rattle.service.explorer.common.address import Entered, Pair, Pin, View, pin_of
 from gear_rattle.service.explorer.design.fields import machine_at
 from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
+from gear_rattle.service.explorer.state.reducer import TAB
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
 from rattle.models import AnyGear, Model, model_at
 
 MOST_ATTRACTORS = 1000
-TAB = "tab"
 ANSWER, BASINS, MOTION, DIAGRAM, NUMBERS = TABS = ("answer", "basins", "motion", "diagram", "numbers")
 
 
@@ -39,6 +40,11 @@ class PointState:
     tolerance: Tolerance | None = None
     at: float | None = None
     tab: str | None = None
+
+    @property
+    def way(self) -> tuple[str, float | None, Pair | None]:
+        """Direction, span and end of the diagram."""
+        return self.direction, self.span, self.to
 
     @property
     def open_tab(self) -> str:
@@ -160,16 +166,29 @@ def stands_for(
     return found, model_at(found.gear)
 
 
+def opened_gear(store: Store) -> tuple[Machine | None, Model] | None:
+    """Return the machine and the model of the open point; None if none is open, or its survey is not known yet."""
+    view = store.view
+    if view.point is None or not store.is_told or (view.survey and store.request is None):
+        return None
+    return stands_for(view.point, view.machine, store.machine, store.model)
+
+
+def opened_pin(store: Store) -> Pin | None:
+    """Return the open point, to be pinned; None as for `opened_gear`."""
+    opened, point = opened_gear(store), store.view.point
+    return None if opened is None or point is None else pin_of(*point, opened[1])
+
+
 def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
     """Return the marks of the open point on the map of a survey.
 
-    Its place if it is one of this plane, or the place on its diagram's way that is shown, and the lines (k, 2) about
-    it, NaN between them: its tolerances, and the way that its diagram goes to another point.
-
     Returns
     -------
-    tuple[Pair | None, np.ndarray | None]
-        The point, and the lines; None without them.
+    point : Pair | None
+        The point, or the place on its diagram's way that is shown; None where it is not of this plane.
+    lines : np.ndarray | None
+        Lines (k, 2) with NaN between them: its tolerances, and the way of its diagram to another point.
     """
     if view.point is None:
         return None, None

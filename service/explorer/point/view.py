@@ -1,4 +1,4 @@
-"""The view of one parameter point: what runs there, how likely, how safe; basins, one motion, a diagram."""
+"""Show one parameter point: its motions, how likely and how safe they are; basins, one motion, a diagram."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from functools import partial
 from html import escape
 
 import panel as pn
-import param
 
 import rattle
-from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.explorer.point import basins, loudness, parts, words
@@ -20,6 +18,8 @@ from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import SpectrumLines
 from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
+from gear_rattle.service.explorer.state.events import PointChanged
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import Capability, Model, lacking
@@ -34,41 +34,43 @@ Part = tuple[Text, Callable[[], Awaitable[None]]]  # of a view: where it says wh
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
-class PointView(param.Parameterized):
+class PointView:
     """Everything about one (δ, ε), in a panel; slow parts fill in from processes of their own until `stop` is called.
 
-    `state` is what a URL keeps to reproduce the view, all of it text: the attractor (its place by falling share) or the
-    initial condition (tau, v) whose motion is shown, the direction of the diagram, tolerances, and the open tab. The
-    rest is as by default. Numbers of a machine's point are in SI units too.
-    """
+    The state of its tabs is that of the store's view, see `PointState`.
 
-    state = param.Dict(default={})
+    Parameters
+    ----------
+    machine : Machine | None
+        Machine whose point it is: numbers are in SI units too.
+    """
 
     def __init__(
         self,
         panel: PointPanel,
         front: Front,
+        store: Store,
         delta: float,
         epsilon: float,
         model: Model,
         machine: Machine | None = None,
-        **state: str,
     ) -> None:
-        possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
-        chosen = PointState.read(state, parts.largest_sampled_speed(delta, epsilon, model.beta) if possible else 0.0)
-        super().__init__(state=chosen.text())
+        is_possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
+        self._fastest = parts.largest_sampled_speed(delta, epsilon, model.beta) if is_possible else 0.0
+        self.store = store
+        chosen = PointState.read(store.view.point_state, self._fastest)
         self.panel, self._model, self._machine, self._front = panel, model, machine, front
-        self._work = Work(front, pn.state.curdoc, model.name)
+        self.work = Work(front, pn.state.curdoc, model.name)
         self._orbits: tuple[rattle.Orbit, ...] = ()
         self._found: parts.Chances | None = None
-        self._lines: SpectrumLines | None = None
+        self.lines: SpectrumLines | None = None
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
         self._is_there = False  # a gear
         self._is_told = False  # and its attractors are known
         self._at_work: set[str] = set()  # tabs
         try:
-            self._gear = model.gear(delta, epsilon)
+            self.gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
             panel.clear()
             panel.likely.html = f'<p class="wrong">{escape(str(error))}</p>'
@@ -76,10 +78,12 @@ class PointView(param.Parameterized):
         self._period = words.period_of(machine)
         self._say_where()
         panel.clear_found()
-        heard = self._remember, self._show_own, self._fill_tab
-        self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, *heard)
+        self._choices = Choices(
+            panel, self.work, self.gear, machine, self._palette, chosen, self._choose, self._show_own
+        )
         self._is_there = True
-        self._remember(chosen)
+        self._choose(chosen)
+        self._link_notebook(chosen)
         self._left: dict[str, list[Part]] = {
             ANSWER: [(panel.safe, self._margin)],
             BASINS: [
@@ -91,29 +95,32 @@ class PointView(param.Parameterized):
         }
         self._say_what_is_computed()
         panel.open(chosen.open_tab)
-        self._work.start(self._fill())
+        self.work.start(self._fill())
 
-    def _remember(self, chosen: PointState) -> None:
-        self.state = chosen.text()
-        self.panel.take.html = words.notebook_link(self._gear, chosen.direction, chosen.span, chosen.to)
+    def _choose(self, chosen: PointState) -> None:
+        self.store.dispatch(PointChanged(chosen.text()))
 
-    def go_through(self, to: Pair) -> bool:
-        """Draw the diagram from here to another point; whether there are gears."""
-        is_possible = self._is_there and to[0] > 0 and to[1] >= 0
-        if is_possible:
-            self._choices.go_through(to)
-        return is_possible
+    def follow(self) -> None:
+        """Show another state of the store's view."""
+        if self._is_there:
+            chosen = PointState.read(self.store.view.point_state, self._fastest)
+            self._choices.follow(chosen)
+            self._link_notebook(chosen)
+            self._fill_tab()
+
+    def _link_notebook(self, chosen: PointState) -> None:
+        self.panel.take.html = words.notebook_link(self.gear, chosen.direction, chosen.span, chosen.to)
 
     def stop(self) -> None:
         """Give up what is still being computed: another point is looked at."""
-        self._work.stop()
+        self.work.stop()
 
     # What is computed, and in what order
 
     def _say_where(self) -> None:
         """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
-        self.panel.where.html = f"<p>{escape(words.where(self._gear, self._period))}</p>" + (
-            f"<p>{escape(words.in_si_words(self._machine, self._gear))}</p>" if self._machine else ""
+        self.panel.where.html = f"<p>{escape(words.where(self.gear, self._period))}</p>" + (
+            f"<p>{escape(words.in_si_words(self._machine, self.gear))}</p>" if self._machine else ""
         )
 
     def _say_what_is_computed(self) -> None:
@@ -129,23 +136,23 @@ class PointView(param.Parameterized):
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
         if self._model.in_closed_form:
             if ready:
-                self._tell_orbits(parts.period_one(self._gear))
+                self._tell_orbits(parts.period_one(self.gear))
             else:
-                self._work.start(self._work.part(panel.orbits, self._closed_form))
+                self.work.start(self.work.part(panel.orbits, self._closed_form))
 
     async def _fill(self) -> None:
         """Fill the words first, and then what the open tab shows, so that the next click is answered at once.
 
         Pictures come after the words: to make them takes the service, and to lay them out a browser, a while.
         """
-        part, panel = self._work.part, self.panel
+        part, panel = self.work.part, self.panel
         await part(panel.likely, self._chances)
         await part(panel.loud, self._intensities)
         await asyncio.sleep(PAINT_SECONDS)
         self._is_told = True
         self._fill_tab()
-        if self._gear.parameters.harmonics:
-            await self._work.tell(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
+        if self.gear.parameters.harmonics:
+            await self.work.tell(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
         elif not self._model.in_closed_form:
             await part(panel.orbits, self._continued)
 
@@ -160,34 +167,33 @@ class PointView(param.Parameterized):
             self._choices.draw()
         elif tab not in self._at_work:
             self._at_work.add(tab)
-            self._work.start(self._fill_from(tab))
+            self.work.start(self._fill_from(tab))
 
     async def _fill_from(self, tab: str) -> None:
         """Compute part after part, while the tab is open."""
         left = self._left[tab]
         while left and self._choices.tab == tab:
-            await self._work.part(*left[0])
+            await self.work.part(*left[0])
             left.pop(0)
         self._at_work.discard(tab)
 
     async def _chances(self) -> None:
         count = min(COUNT, self._front.settings.max_point_count)
-        found = await self._work.compute(parts.chances, self._gear, count, what="The attractors")
+        found = await self.work.compute(parts.chances, self.gear, count, what="The attractors")
 
         def show() -> None:
             self._tell_chances(found)
             self._choices.offer(found.attractors)
 
-        await self._work.change(show)
+        await self.work.change(show)
 
-    def tell_survey(self, model: Model, at: Pair, found: parts.Chances) -> None:
-        """Answer from the cell of a survey that the point is in, until the answer of the point itself is known."""
-        is_of_it = self._is_there and model == self._model and at == (self._gear.delta, self._gear.epsilon)
-        if is_of_it and self._found is None:
+    def tell_survey(self, found: parts.Chances) -> None:
+        """Answer from the cell of a survey that the point is in, unless the answer of the point itself is known."""
+        if self._is_there and self._found is None:
             self._answer(found, SURVEYED)
 
     def _answer(self, found: parts.Chances, note: str = "") -> None:
-        said = escape(words.how_likely(self._gear, found, self._period))
+        said = escape(words.how_likely(self.gear, found, self._period))
         self.panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
         self.panel.shares.html = words.shares_bar(found, self._palette)
 
@@ -200,18 +206,18 @@ class PointView(param.Parameterized):
         if self._found is None:
             return
         attractors = self._found.attractors
-        found = await self._work.compute(rattling.motion_intensities, self._gear, attractors, what="The intensities")
-        said = loudness.intensity_table(attractors, found, self._gear.delta, self._machine, self._palette)
-        await self._work.tell(self.panel.loud, said)
-        loudest = loudness.loudest(attractors, found, self._gear.delta, self._machine)
-        await self._work.tell(self.panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
+        found = await self.work.compute(rattling.motion_intensities, self.gear, attractors, what="The intensities")
+        said = loudness.intensity_table(attractors, found, self.gear.delta, self._machine, self._palette)
+        await self.work.tell(self.panel.loud, said)
+        loudest = loudness.loudest(attractors, found, self.gear.delta, self._machine)
+        await self.work.tell(self.panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
 
     async def _closed_form(self) -> None:
-        await self._work.kernels()
-        await self._work.change(lambda: self._tell_orbits(parts.period_one(self._gear)))
+        await self.work.kernels()
+        await self.work.change(lambda: self._tell_orbits(parts.period_one(self.gear)))
 
     async def _continued(self) -> None:
-        found = await self._work.compute(parts.period_one, self._gear, what="The period-one orbits", slow=True)
+        found = await self.work.compute(parts.period_one, self.gear, what="The period-one orbits", slow=True)
 
         def show() -> None:
             self._tell_orbits(found)
@@ -220,7 +226,7 @@ class PointView(param.Parameterized):
             if self._basins is not None and not self._choices.is_away:
                 self.panel.picture.show_orbits(found.orbits)
 
-        await self._work.change(show)
+        await self.work.change(show)
 
     def _tell_orbits(self, found: parts.PeriodOneOrbits) -> None:
         self._orbits = found.orbits
@@ -228,38 +234,38 @@ class PointView(param.Parameterized):
 
     async def _margin(self) -> None:
         if Capability.MARGIN not in self._model.has:
-            await self._work.tell(self.panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
+            await self.work.tell(self.panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
             return
-        found = await self._work.compute(parts.margin, self._gear, what="The margin", slow=True)
-        await self._work.tell(self.panel.safe, f"<p>{escape(words.how_safe(self._gear, found, self._period))}</p>")
+        found = await self.work.compute(parts.margin, self.gear, what="The margin", slow=True)
+        await self.work.tell(self.panel.safe, f"<p>{escape(words.how_safe(self.gear, found, self._period))}</p>")
 
     async def _some_basins(self, side: int, method: str) -> None:
         slow = method != "cells"
-        found = await self._work.compute(parts.basins, self._gear, side, method, what="The basins", slow=slow)
+        found = await self.work.compute(parts.basins, self.gear, side, method, what="The basins", slow=slow)
 
         def show() -> None:
             self._basins = found
             if not self._choices.is_away:
                 self._show_cells(found)
 
-        await self._work.change(show)
+        await self.work.change(show)
 
     async def _some_lines(self) -> None:
-        found = await self._work.compute(parts.lines, self._gear, what="The manifolds", slow=True)
+        found = await self.work.compute(parts.lines, self.gear, what="The manifolds", slow=True)
 
         def show() -> None:
-            self._lines = found
+            self.lines = found
             if not self._choices.is_away:
                 self._show_lines(found)
 
-        await self._work.change(show)
+        await self.work.change(show)
 
     def _show_own(self) -> None:
         """Show the known results, after another place was shown."""
         if self._basins is not None:
             self._show_cells(self._basins)
-        if self._lines is not None:
-            self._show_lines(self._lines)
+        if self.lines is not None:
+            self._show_lines(self.lines)
 
     def _show_cells(self, found: rattle.Basins) -> None:
         self.panel.picture.show_cells(found, self._palette)
@@ -275,5 +281,5 @@ class PointView(param.Parameterized):
 
     def _show_legend(self) -> None:
         if self._basins is not None:
-            lines = self._lines.lines if self._lines is not None else ()
+            lines = self.lines.lines if self.lines is not None else ()
             self.panel.under_basins.html = basins.basins_caption(self._basins, lines, self._palette)

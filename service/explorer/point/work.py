@@ -63,7 +63,7 @@ class Work:
     def __init__(self, front: Front, document: Document | None, model: str) -> None:
         self._front, self._document = front, document
         self._model = model
-        self._tasks: set[asyncio.Task[None]] = set()
+        self.tasks: set[asyncio.Task[None]] = set()
         self.stopped = False
 
     def start(
@@ -73,14 +73,14 @@ class Work:
         if instead_of is not None:
             self._give_up(instead_of)
         task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
         return task
 
     def stop(self) -> None:
         """Give up everything: what is not begun at once, what is at work after a moment."""
         self.stopped = True
-        for task in tuple(self._tasks):
+        for task in tuple(self.tasks):
             self._give_up(task)
 
     def _give_up(self, task: asyncio.Task[None]) -> None:

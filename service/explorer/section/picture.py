@@ -22,8 +22,8 @@ class ProfilePicture:
     def __init__(self, theme: str, x_range: Range1d) -> None:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
         self.figure.min_border_left = BESIDE
-        self._steps = ColumnDataSource({"x": [], "value": [], "what": []})
-        drawn = self.figure.line("x", "value", source=self._steps, line_color=ink_of(theme), line_width=1.8)
+        self.steps = ColumnDataSource({"x": [], "value": [], "what": []})
+        drawn = self.figure.line("x", "value", source=self.steps, line_color=ink_of(theme), line_width=1.8)
         tooltips = [("", "@what"), ("at", "$x{%.6g}")]
         self.figure.add_tools(
             HoverTool(renderers=[drawn], tooltips=tooltips, formatters={"$x": "printf"}, mode="vline")
@@ -31,14 +31,14 @@ class ProfilePicture:
 
     def clear(self) -> None:
         """Show nothing."""
-        clear(self._steps)
+        clear(self.steps)
 
     def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
         """Draw a profile over these values of the parameter, between limits if there are any; return what it spans."""
         x = np.repeat(span[0] + found.at * (span[1] - span[0]), 2)[1:-1]
         values = np.repeat(found.values.astype(float), 2)
         texts = [_told(found, each) for each in found.values.tolist() for _ in range(2)]
-        self._steps.data = {"x": x, "value": values, "what": texts}
+        self.steps.data = {"x": x, "value": values, "what": texts}
         axis = self.figure.yaxis
         axis.ticker = FixedTicker(ticks=list(found.names)) if found.names else BasicTicker()
         axis.major_label_overrides = dict(found.names)

@@ -1,15 +1,18 @@
 """Colours that mean something else are told apart, by people without green cones too; viewers say what they span."""
 
 from itertools import combinations, pairwise
-from types import SimpleNamespace
-from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import xarray as xr
 from colour_difference import difference, lab_of
 
-from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, ControlCallbacks, Controls
+from gear_rattle.service.explorer.common.address import AsSeen, View
+from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Controls, own_limits
+from gear_rattle.service.explorer.places.example import REQUEST
+from gear_rattle.service.explorer.state.events import MapDrawn
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.workers.pictures.largest import colours_of
 from rattle import KINDS
 from rattle.plot.colours import REGION_COLOURS
@@ -55,27 +58,28 @@ def test_regions_and_lines_are_told_apart_without_green() -> None:
             assert STYLES[one][1] != STYLES[other][1]  # of one kind: dashes tell them apart
 
 
-def test_limits_of_a_viewer_s_own_are_taken_over_and_refused_in_words() -> None:
-    used: list[str] = []
-    names = ("variable", "index", "slice", "limits", "own", "save")
-    controls = Controls("", True, ControlCallbacks(**{name: lambda name=name: used.append(name) for name in names}))
-    seen: Any = SimpleNamespace(low=0.1, high=0.7)
-    assert next(iter(LIMIT_NAMES)) == controls.rule == controls.limits((1.0, 2.0), seen)
-    controls._rule.value = OWN
-    assert used == ["limits"]
-    assert controls.rule is None
-    assert controls.limits((1.0, 2.0), seen) == (1.0, 2.0)  # they stay
-    assert controls.limits("auto", seen) == (0.1, 0.7)  # what is seen becomes the viewer's own
-    assert controls.limits("auto", None) is None
-    controls._low.value = None  # a field that was emptied
-    assert controls.own == "Colours need two limits: a number each."
-    controls._low.value, controls._high.value = -2.0, -3.0
-    assert "cannot span -2 to -3" in controls.own
-    controls._high.value = -1.0
-    assert "the second limit must be above 0, not -1" in controls.own
-    controls._log.value = []
-    assert controls.own == (-2.0, -1.0)
-    controls._log.value = [LOG]
-    controls._high.value = 1.0
-    assert controls.own == (-2.0, 1.0)
-    assert {*used} == {"limits", "own"}
+def test_limits_of_a_viewer_s_own_are_refused_in_words() -> None:
+    assert own_limits(None, 1.0, False) == "Colours need two limits: a number each."  # a field that was emptied
+    assert "cannot span -2 to -3" in own_limits(-2.0, -3.0, False)
+    assert "the second limit must be above 0, not -1" in own_limits(-2.0, -1.0, True)
+    assert own_limits(-2.0, -1.0, False) == (-2.0, -1.0)
+    assert own_limits(-2.0, 1.0, True) == (-2.0, 1.0)
+
+
+def test_own_limits_begin_with_those_of_the_colours_that_are_seen() -> None:
+    assert next(iter(LIMIT_NAMES)) == View().limits
+    store = Store(View(), REQUEST)
+    controls = Controls(Mock(), store, "")
+    controls.rule.value = OWN
+    assert store.view.limits == "auto"  # nothing is seen whose limits could be taken over
+    store.dispatch(MapDrawn(AsSeen((0.1, 0.7), False, None)))
+    assert controls.rule.value == "auto"
+    controls.rule.value = OWN
+    assert store.view.limits == (0.1, 0.7)
+    controls.log.value = [LOG]
+    assert (store.view.limits, store.view.log) == ((0.1, 0.7), True)  # they stay
+    controls.high.value = 0.9
+    assert store.view.limits == (0.1, 0.9)
+    controls.low.value = 1.0
+    assert "must be below" in controls.wrong.html
+    assert store.view.limits == (0.1, 0.9)

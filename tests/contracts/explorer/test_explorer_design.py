@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 from service_support import no_cluster
+from test_explorer_point import new_view
 from waiting import eventually
 
 import rattle
@@ -21,7 +22,6 @@ from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.tolerance import RADIUS, Tolerance
 from gear_rattle.service.explorer.point import loudness, parts
 from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.operations import design_limits
 from gear_rattle.service.operations.design_limits import DesignLimits, coarse_first
 from gear_rattle.service.settings import Settings
@@ -142,19 +142,19 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
     async def body(front: Front) -> None:
         panel = PointPanel("light")
         state = {"tolerance": "0.0,1e-06,0.9"}
-        view = PointView(panel, front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, **state)
+        view = new_view(front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, panel, **state)
 
         async def compute(work: Any, *arguments: Any, **_: Any) -> Any:
             return quick(work, *arguments)
 
-        monkeypatch.setattr(view._work, "compute", compute)
+        monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(Impacting, "design_gears", 16)
         assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
         await eventually(lambda: "J per revolution" in panel.loud.html)
         assert "dB re 1 pW" in panel.loudest.html
         panel.on_tab("motion")
         await eventually(lambda: "its lines" in panel.under_spectrum.html)
-        lines = panel.spectrum._lines.data
+        lines = panel.spectrum.lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
         assert lines["y"][0] == pytest.approx(4 * np.pi * MACHINE.delta * MACHINE.units.force)  # carries the drag
         await eventually(lambda: "of the gears pass" in panel.tolerance.said.html)
@@ -167,13 +167,13 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         assert np.abs(heard).max() > 20_000
         panel.on_play(None)
         await eventually(lambda: "above 0 rpm" in panel.heard.html)
-        first, second, _ = panel.tolerance._widgets
+        first, second, _ = panel.tolerance.widgets
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
-        panel.tolerance._ask()
-        assert view.state == {"tolerance": "0.0,2e-06,0.9", "tab": "motion"}
+        panel.tolerance.ask()
+        assert view.store.view.point_state == {"tolerance": "0.0,2e-06,0.9", "tab": "motion"}
         second.value = None
-        panel.tolerance._ask()
+        panel.tolerance.ask()
         assert "needs a number" in panel.tolerance.said.html
         view.stop()
 

@@ -4,7 +4,7 @@ threads of a page, which are few however much is given up.
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,7 +31,7 @@ class Slow:
         self.at_work = 0
 
     async def want(self, what: str, done: int, state: State = State.SUCCESSFUL) -> None:
-        async def draw() -> Show:
+        async def draw() -> AsyncGenerator[Show, None]:
             self.begun.append((what, done))
             self.at_work += 1
             assert self.at_work == 1
@@ -39,7 +39,7 @@ class Slow:
             self.at_work -= 1
             if what == "wrong":
                 raise ValueError(what)
-            return lambda: self.shown.append((what, done))
+            yield lambda: self.shown.append((what, done))
 
         self.drawings.want(what, [JobRow(id="a", state=state, cells_done=done)], draw)
         await settled()

@@ -1,7 +1,6 @@
 """Families on the map: the largest one of each cell, one that is chosen, and points that are pinned."""
 
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qs
@@ -9,7 +8,7 @@ from urllib.parse import parse_qs
 import numpy as np
 import pytest
 from service_support import BODY
-from test_explorer_view import accepted, compute, done, with_map
+from test_explorer_view import Shown, accepted, compute, done, with_map
 from waiting import eventually
 
 from gear_rattle.service.database.tables import JobRow, State
@@ -20,7 +19,7 @@ from gear_rattle.service.explorer.further.difference import Difference
 from gear_rattle.service.explorer.map.colouring import colouring, layers_of
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.explorer.map.readout import cell_in_words
-from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.state.events import FamilyChosen, PinAdded, PinRemoved
 from gear_rattle.service.state import Front
 from gear_rattle.workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
 from gear_rattle.workers.pictures.largest import open_maps
@@ -52,86 +51,84 @@ def joined(front: Front) -> JobRow:
     return front.database.job(survey_id)
 
 
-def with_families(data: Path, body: Callable[[Front, MapView, FamiliesView], Awaitable[None]]) -> None:
+def with_families(data: Path, body: Callable[[Front, Shown, FamiliesView], Awaitable[None]]) -> None:
     """Do this with a map and its families, as a page has them."""
 
-    async def both(front: Front, shown: MapView) -> None:
-        families = FamiliesView(shown._shared, shown._viewer, "", lambda: shown)
+    async def both(front: Front, shown: Shown) -> None:
+        families = FamiliesView(shown.shared, shown.viewer, shown.store, shown.map, "")
         await body(front, shown, families)
-        families.end()
+        families.drawings.stop()
 
     with_map(data, both)
 
 
 def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, families: FamiliesView) -> None:
+    async def body(front: Front, shown: Shown, families: FamiliesView) -> None:
         job = joined(front)
-        shown._remember = lambda view: families.follow(view, job)
+        veil = shown.map.figure.select_one({"name": "veil"}).data_source
         shown.choose(job)
         await eventually(lambda: len(families.which.options) > 1)  # it is there before its names are
-        assert not families._said.html
-        shown._controls._variable.value = LARGEST
-        await eventually(lambda: shown._title.html.count("(among all)"))
-        assert list(shown._controls._index.options) == ["all", "rattling"]
-        shades = shown._lines.key.shades
+        assert not families.said.html
+        shown.controls.variable.value = LARGEST
+        await eventually(lambda: shown.title.html.count("(among all)"))
+        assert list(shown.controls.index.options) == ["all", "rattling"]
+        shades = shown.lines.key.shades
         assert sum(each["share"] for each in shades) == pytest.approx(1.0)
         assert all(each["share"] > 0 for each in shades)  # and no others are listed
-        assert "quiet" in shown.map._names.data["name"]
+        assert "quiet" in shown.map.figure.select_one({"name": "names"}).data_source.data["name"]
         names = [name for name in families.which.options if name.endswith(" = C")]
         families.which.value = families.which.options[names[0]]
         number = int(families.which.value)
         assert shown.view.family == number
-        await eventually(lambda: families._said.html)
+        await eventually(lambda: families.said.html)
         store = front.directory.store(job.id)
         one = open_family(store, number)
-        mask = shown.map._others.data["image"][0]
+        mask = veil.data["image"][0]
         np.testing.assert_array_equal(mask == 0, one.fraction.fillna(0.0) > 0)
-        plane = shown._shared.plane(job, SHARE, number, 0)
+        plane = shown.shared.plane(job, SHARE, number, 0)
         some = plane.block(room=(3, 5), anywhere=True)  # cells that are drawn as one have what any of them has
         of = one.fraction.fillna(0.0).coarsen(epsilon=4, delta=4, boundary="pad").max()
         np.testing.assert_array_equal(some.values, of.values.astype(np.float32))
         share = float(one.fraction.fillna(0.0).mean())
         cells = one.attrs["cells"]
-        assert (
-            f"is in {cells} cells, {100 * cells / 120:.3g} % of the plane; {100 * share:.3g} %" in families._said.html
-        )
+        assert f"is in {cells} cells, {100 * cells / 120:.3g} % of the plane; {100 * share:.3g} %" in families.said.html
         table = open_survey(store, "families").sel(curve="SN1").isel(family=number)
         if table.edges_on:
-            assert f"SN1 ({100 * int(table.edges_on) / int(table.edges):.3g} %)" in families._said.html
-        opened: list[tuple[float, float]] = []
-        shown._open = lambda *at: opened.append(at)  # type: ignore[method-assign, assignment]
-        families._go_along("delta")
-        ((delta, epsilon, _, state),) = opened
+            assert f"SN1 ({100 * int(table.edges_on) / int(table.edges):.3g} %)" in families.said.html
+        families.go_along("delta")
+        assert shown.view.point is not None
+        (delta, epsilon), state = shown.view.point, shown.view.point_state
         there = one.fraction.fillna(0.0).sel(epsilon=epsilon) > 0
         run = there.delta.values[np.abs(there.delta.values - delta) <= float(state["span"])]
         assert there.sel(delta=run[1:-1]).all()
         assert state["direction"] == "delta"
+        shown.close()
         shown.moved((0.42, 0.45), (0.1, 0.12))
-        await eventually(lambda: shown.map._others.data["x"] != [] and shown.map._others.data["dw"][0] < 0.05)
+        await eventually(lambda: veil.data["x"] != [] and veil.data["dw"][0] < 0.05)
         told = {name: [each.encode() for each in values] for name, values in parse_qs(shown.view.query()[1:]).items()}
         assert View.parse(told).family == number
         assert f"variable={LARGEST}" in picture_query(job.request, shown.view)
         families.which.value = ""
-        await eventually(lambda: not families._said.html)
-        assert shown.map._others.data["image"] == []
-        shown.keep(family=10**6)
-        await eventually(lambda: "There are families 0 to" in families._said.html)
+        await eventually(lambda: not families.said.html)
+        assert veil.data["image"] == []
+        shown.store.dispatch(FamilyChosen(10**6))
+        await eventually(lambda: "There are families 0 to" in families.said.html)
         assert (families.which.visible, families.which.value) == (True, "")  # for who has a wrong address
-        shown.keep(family=number)
-        await eventually(lambda: shown.map._others.data["image"] != [])
-        families.follow(replace(shown.view, survey="another"), job)  # nothing of the one before, while it is read
-        assert shown.map._others.data["image"] == []
+        shown.store.dispatch(FamilyChosen(number))
+        await eventually(lambda: veil.data["image"] != [])
+        shown.choose(accepted(front, REQUEST.model_copy(update={"seed": 1})))
+        assert veil.data["image"] == []  # nothing of the one before, while it is read
         assert len(families.which.options) == 1
-        assert not families._said.html
+        assert not families.said.html
 
     with_families(tmp_path, body)
 
 
 def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, _families: FamiliesView) -> None:
+    async def body(front: Front, shown: Shown, _families: FamiliesView) -> None:
         survey_id = accepted(front, REQUEST).id
         compute(front, survey_id, REQUEST)
-        atlas, store = shown._shared.atlas, front.directory.store(survey_id)
+        atlas, store = shown.shared.atlas, front.directory.store(survey_id)
         before, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
         found = colouring(before, before.block(), "auto", False)
         assert "by falling share until families are joined" in found.title
@@ -167,26 +164,25 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
 
 
 def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, families: FamiliesView) -> None:
+    async def body(front: Front, shown: Shown, families: FamiliesView) -> None:
         running, without = done(front, REQUEST), done(front, WITHOUT)
         shown.choose(running)
-        families.follow(replace(shown.view, family=3), running)
-        await eventually(lambda: "are not joined yet" in families._said.html)
+        shown.store.dispatch(FamilyChosen(3))
+        await eventually(lambda: "are not joined yet" in families.said.html)
         assert families.panel.visible
         assert not families.which.visible
-        shown._controls._variable.value = LARGEST
-        await eventually(lambda: "are not joined yet" in shown._title.html)
+        shown.controls.variable.value = LARGEST
+        await eventually(lambda: "are not joined yet" in shown.title.html)
         shown.choose(without)
-        families.follow(shown.view, without)
         assert not families.panel.visible
-        assert LARGEST not in shown._maps
+        assert LARGEST not in shown.controls.variable.options.values()
 
     with_families(tmp_path, body)
 
 
 def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView, _: FamiliesView) -> None:
-        plane = shown._shared.plane(joined(front), LARGEST, 0, 0)
+    async def body(front: Front, shown: Shown, _: FamiliesView) -> None:
+        plane = shown.shared.plane(joined(front), LARGEST, 0, 0)
         with pytest.raises(SurveyError, match="numbers of their own"):
             Difference(plane, plane)
         window = plane.block(((0.42, 0.43), (0.1, 0.11)))
@@ -197,14 +193,15 @@ def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
 
 
 def test_pins_are_marked_with_their_numbers_on_maps_of_their_gear(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, WITHOUT))
-        await eventually(lambda: shown._plane is not None)
+        await eventually(lambda: shown.plane is not None)
         pins = Pin(0.42, 0.1, 0.6), Pin(0.5, 0.1, 0.5), Pin(0.45, 0.12, 0.6)
-        shown.mark_pins(pins)
-        assert shown.map._pinned.data == {"x": [0.42, 0.45], "y": [0.1, 0.12], "name": ["1", "3"]}
-        shown.mark_pins(pins[1:])
-        assert shown.map._pinned.data["name"] == ["2"]
+        for pin in pins:
+            shown.store.dispatch(PinAdded(pin))
+        assert shown.map.pins_at.data == {"x": [0.42, 0.45], "y": [0.1, 0.12], "name": ["1", "3"]}
+        shown.store.dispatch(PinRemoved(pins[0]))
+        assert shown.map.pins_at.data["name"] == ["2"]
 
     with_map(tmp_path, body)
 

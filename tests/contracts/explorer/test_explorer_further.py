@@ -9,7 +9,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 import pytest
 from service_support import BODY
-from test_explorer_view import accepted, done, with_map
+from test_explorer_view import Shown, accepted, done, with_map
 from waiting import eventually
 
 import rattle
@@ -17,15 +17,24 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import Further, View
 from gear_rattle.service.explorer.further import difference
 from gear_rattle.service.explorer.further.difference import Difference, require_small
-from gear_rattle.service.explorer.further.maps import FurtherMaps
-from gear_rattle.service.explorer.further.one import NO_FIRST, FurtherMap
+from gear_rattle.service.explorer.further.maps import ComparisonMaps
+from gear_rattle.service.explorer.further.one import NO_FIRST
+from gear_rattle.service.explorer.map import overlays
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import MapPlane
-from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.state.events import (
+    MapAdded,
+    MapChanged,
+    MapRemoved,
+    OverlaysChosen,
+    Pointed,
+    SurveyChosen,
+)
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
-from rattle.models import Stiff
+from rattle.models import Model, Stiff
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -50,11 +59,11 @@ THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.5,
 def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         jobs = done(front, ORBITS), done(front, COARSER)
 
         def planes(variable: str, index: int) -> list[MapPlane]:
-            return [shown._shared.plane(job, variable, index, 0) for job in jobs]
+            return [shown.shared.plane(job, variable, index, 0) for job in jobs]
 
         for variable, index in (("orbit_velocity", 3), ("orbit_phase", 0), ("region", 0)):
             first, other = planes(variable, index)
@@ -100,61 +109,63 @@ def _pairs(first: MapPlane, other: MapPlane) -> list[tuple[Any, Any, Any]]:
     return [(np.array([d]), np.array([e]), np.array([o])) for d, o in near for e in first.epsilon]
 
 
+def beside(shown: Shown, shared: Shared | None = None) -> ComparisonMaps:
+    """The maps beside that of a page."""
+    return ComparisonMaps(shared or shown.shared, shown.viewer, shown.store, shown.map, "light", "")
+
+
 def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         first, other, stiff = done(front, ORBITS), done(front, COARSER), done(front, STIFF)
-        jobs: dict[str, JobRow] = {each.id: each for each in (first, other, stiff)}
-        maps = FurtherMaps(shown._shared, shown._viewer, "light", "", lambda: shown)
-        shown._remember = lambda view: maps.follow(view, jobs)
-        shown._on_pointed = maps.point_at
+        maps = beside(shown)
         shown.choose(first)
-        await eventually(lambda: shown._plane is not None)
+        for job in (other, stiff):
+            shown.follow(job)
+        await eventually(lambda: shown.plane is not None)
         assert maps.add.visible
-        maps._add()
+        maps.add.clicks += 1
         assert shown.view.further == (Further(first.id, "orbit_exists"),)  # the next one that is not shown
-        one = maps._maps[0]
-        assert list(one._survey.options) == ["small", "other", f"small ({stiff.id[:6]})"]
-        await eventually(lambda: one._plane is not None)
-        assert one.map.figure.x_range is shown.map.figure.x_range
-        assert one.map.figure.y_range is shown.map.figure.y_range
-        one._survey.value = f"{stiff.id},0"
+        one = maps.maps[0]
+        assert list(one.survey.options) == ["small", "other", f"small ({stiff.id[:6]})"]
+        await eventually(lambda: one.plane is not None)
+        assert one.figure.figure.x_range is shown.map.figure.x_range
+        assert one.figure.figure.y_range is shown.map.figure.y_range
+        one.survey.value = f"{stiff.id},0"
         assert shown.view.further[0].survey == stiff.id
-        await eventually(lambda: one._plane is not None and one._plane.id == stiff.id)
-        assert one._plane is not None
-        assert one._plane.plane.name == one._variable.value.partition(",")[0] == "region"  # it has no orbits
-        assert one._plane.request.gear_model == Stiff(0.6, 1e4)
-        assert "stiff" in one._title.html
+        await eventually(lambda: one.plane is not None and one.plane.id == stiff.id)
+        assert one.plane is not None
+        assert one.plane.plane.name == one.variable.value.partition(",")[0] == "region"  # it has no orbits
+        assert one.plane.request.gear_model == Stiff(0.6, 1e4)
+        assert "stiff" in one.title.html
         window = (0.8, 0.9), (0.05, 0.15)
         shown.moved(*window)
-        assert one._window == window
-        shown._hover(0.82, 0.1)
-        await eventually(lambda: one._said.html)
-        value = one._plane.at(0.82, 0.1)
+        shown.hover(0.82, 0.1)
+        await eventually(lambda: one.said.html)
+        value = one.plane.at(0.82, 0.1)
         assert value is not None
-        assert one._said.html.endswith(f", {rattle.REGIONS[int(value[0])]}</p>")
-        shown.point_at(0.85, 0.1)
-        sources = [each.map._cursor.data["x"] for each in (shown, one)]
-        assert sources == [[0.85], [0.85]]
+        assert one.said.html.endswith(f", {rattle.REGIONS[int(value[0])]}</p>")
+        cursors = shown.map.cursor_at, one.figure.cursor_at
+        assert [each.data["x"] for each in cursors] == [[], [0.82]]  # where the pointer is, it needs no mark
+        shown.store.dispatch(Pointed((0.85, 0.1), "further2"))
+        assert [each.data["x"] for each in cursors] == [[0.85], [0.85]]
         told = {name: [value.encode()] for name, value in parse_qsl(shown.view.query()[1:])}
         assert View.parse(told).further == shown.view.further
         shown.reset()
-        one._survey.value = f"{other.id},0"
-        one._minus.value = ["first map less this one"]
-        await eventually(lambda: isinstance(one._plane, Difference))
-        assert "small less other, each cell of the first with the nearest of 3 × 4" in one._title.html
-        assert not one._variable.visible  # it is that of the first map
-        shown._controls._variable.value = "orbit_velocity"
-        await eventually(lambda: one._plane is not None and one._plane.plane.name == "orbit_velocity_difference")
-        maps._add()
-        maps._add()
-        maps._add()
+        one.survey.value = f"{other.id},0"
+        one.minus.value = ["first map less this one"]
+        await eventually(lambda: isinstance(one.plane, Difference))
+        assert "small less other, each cell of the first with the nearest of 3 × 4" in one.title.html
+        assert not one.variable.visible  # it is that of the first map
+        shown.controls.variable.value = "orbit_velocity"
+        await eventually(lambda: one.plane is not None and one.plane.plane.name == "orbit_velocity_difference")
+        for _ in range(3):
+            maps.add.clicks += 1
         assert len(shown.view.further) == 3
         assert not maps.add.visible
-        maps._change(1, None)
+        shown.store.dispatch(MapRemoved(1))
         assert [i for i, place in enumerate(maps.places) if "shown" in place.css_classes] == [0, 1]
-        jobs.pop(other.id)
-        maps.follow(shown.view, jobs)
-        assert "no longer there" in one._title.html
+        shown.store.learn({name: each for name, each in shown.store.jobs.items() if name != other.id})
+        assert "no longer there" in one.title.html
         maps.end()
 
     with_map(tmp_path, body)
@@ -163,11 +174,8 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
 def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         first, third = accepted(front, ORBITS), accepted(front, THIRD)
-        jobs = {each.id: each for each in (first, third)}
-        maps = FurtherMaps(shown._shared, shown._viewer, "light", "", lambda: shown)
-        shown._remember = lambda view: maps.follow(view, jobs)
         asked: list[str] = []
         monkeypatch.setattr(difference, "MOST_CELLS", 0)
 
@@ -175,31 +183,33 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
             asked.append(job.id)
             raise SurveyError("It has no numbers yet.")
 
-        shared = replace(shown._shared)
+        shared = replace(shown.shared)
         object.__setattr__(shared, "plane", plane)
-        maps._shared = shared
-        maps.follow(replace(shown.view, further=(Further(third.id, "region", 0, 9),)), jobs)
-        one = maps._maps[0]
-        assert one._survey.value == f"{third.id},1"  # the last of two slices
-        assert one._survey.value in one._survey.options.values()
-        await eventually(lambda: "no numbers" in one._title.html)
+        maps = beside(shown, shared)
+        shown.follow(first)
+        shown.follow(third)
+        shown.store.dispatch(MapAdded(Further(third.id, "region", 0, 9)))
+        one = maps.maps[0]
+        assert one.survey.value == f"{third.id},1"  # the last of two slices
+        assert one.survey.value in one.survey.options.values()
+        await eventually(lambda: "no numbers" in one.title.html)
         for _ in range(3):
-            maps.follow(replace(shown.view, further=(Further(third.id, "region", 0, 9),)), jobs)
+            shown.follow(third)
             await asyncio.sleep(0)
         assert asked == [third.id]
-        surveys = maps._surveys
-        jobs[first.id].cells_done += 1
-        maps.follow(replace(shown.view, further=(Further(third.id, "region"),)), jobs)
-        assert maps._surveys is surveys  # made once
-        jobs[first.id].name = "renamed"
-        maps.follow(replace(shown.view, further=(Further(third.id, "region"),)), jobs)
-        assert list(one._survey.options) == ["renamed", "small, beta = 0.5", "small, beta = 0.6"]
+        surveys = maps.surveys
+        first.cells_done += 1
+        shown.follow(first)
+        assert maps.surveys is surveys  # made once
+        first.name = "renamed"
+        shown.follow(first)
+        assert list(one.survey.options) == ["renamed", "small, beta = 0.5", "small, beta = 0.6"]
+        shown.store.dispatch(MapChanged(0, Further(third.id, "region")))
         await eventually(lambda: len(asked) == 2)
-        minus = (Further(third.id, "region", 0, 0, minus=True),)
-        maps.follow(replace(shown.view, further=minus), jobs)
-        assert NO_FIRST in one._title.html
-        maps.follow(replace(shown.view, survey=first.id, variable="region", further=minus), jobs)
-        await eventually(lambda: "0 cells and fewer" in one._title.html)
+        shown.store.dispatch(MapChanged(0, Further(third.id, "region", 0, 0, minus=True)))
+        assert NO_FIRST in one.title.html
+        shown.store.dispatch(SurveyChosen(first.id))
+        await eventually(lambda: "0 cells and fewer" in one.title.html)
         assert asked == [third.id] * 2  # neither was read
         maps.end()
 
@@ -207,36 +217,35 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
 
 
 def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         first, other = done(front, REGIONS), done(front, NARROWER)
-        jobs = {each.id: each for each in (first, other)}
-        maps = FurtherMaps(shown._shared, shown._viewer, "light", "", lambda: shown)
-        sent: list[str] = []
+        maps = beside(shown)
+        sent: list[Model] = []
+        line = np.array([[0.5, 0.1], [0.6, 0.2]])
+        monkeypatch.setattr(overlays, "pieces_of", lambda _name, model, *_: (sent.append(model), ([line], ""))[1])
 
-        async def lines(_self: FurtherMap, plane: MapPlane, *_: Any) -> None:
-            sent.append(plane.id)
+        async def ready(*_: Any, **__: Any) -> None:
+            """Kernels, which are not what is waited for here."""
 
-        monkeypatch.setattr(FurtherMap, "_draw_lines", lines)
-
-        async def follow(job: JobRow) -> FurtherMap:
-            further = (Further(job.id, "region"),)
-            maps.follow(replace(shown.view, survey=first.id, variable="region", further=further), jobs)
-            one = maps._maps[0]
-            await eventually(lambda: one._plane is not None and one._plane.id == job.id and sent[-1:] == [job.id])
-            return one
-
-        one = await follow(first)
-        one.map.line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
-        jobs[first.id].cells_done += 1  # as if a tile had come
-        drawn: list[int] = []
-        monkeypatch.setattr(one, "_count", lambda: drawn.append(1))
-        await follow(first)
-        await eventually(lambda: drawn)
-        assert sent == [first.id]
-        line = one.map.figure.select_one({"name": "SN1"}).data_source
-        assert line.data["xs"] != []
-        await follow(other)
-        assert line.data["xs"] == []
+        monkeypatch.setattr(front.kernels, "require", ready)
+        shown.choose(first)
+        shown.follow(other)
+        shown.store.dispatch(MapAdded(Further(first.id, "region")))
+        one = maps.maps[0]
+        await eventually(lambda: one.plane is not None)
+        shown.store.dispatch(OverlaysChosen(("SN1",)))
+        drawn = one.figure.figure.select_one({"name": "SN1"}).data_source
+        await eventually(lambda: len(drawn.data["xs"]) == 1 and len(sent) == 2)  # with the first map's
+        first.cells_done += 1  # as if a tile had come
+        cells = one.figure.figure.select_one({"name": "cells0"}).data_source
+        before = cells.data["image"]
+        shown.follow(first)
+        await eventually(lambda: cells.data["image"] is not before)
+        assert len(sent) == 2
+        monkeypatch.setattr(overlays, "pieces_of", lambda *_: ([], ""))
+        shown.store.dispatch(MapChanged(0, Further(other.id, "region")))
+        await eventually(lambda: one.plane is not None and one.plane.id == other.id)
+        assert drawn.data["xs"] == []
         maps.end()
 
     with_map(tmp_path, body)

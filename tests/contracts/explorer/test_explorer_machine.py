@@ -10,7 +10,7 @@ import panel as pn
 import pytest
 import test_explorer_view as views
 from service_support import BODY
-from test_explorer_view import accepted, cells, done, with_map
+from test_explorer_view import Shown, accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
@@ -18,10 +18,9 @@ from gear_rattle.service.explorer.common.address import Entered, View
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.tolerance import Tolerance, given_of, tolerance_outline
 from gear_rattle.service.explorer.map.overlays import pieces_of
-from gear_rattle.service.explorer.map.planes import window_of
 from gear_rattle.service.explorer.map.readout import readout
-from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.point.state import stands_for
+from gear_rattle.service.explorer.state.store import window_of
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LINES
@@ -59,7 +58,7 @@ def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         plot = shown.map.figure
         speed, eccentricity = (plot.select_one({"name": name}) for name in ("rpm", "eccentricity"))
 
@@ -77,7 +76,7 @@ def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -
         assert plot.y_range.start < plot.y_range.end
         shown.moved((machine.delta, 1.1 * machine.delta), (0.0, machine.epsilon))
         shown.reset()
-        assert (plot.x_range.end, plot.x_range.start) == shown.window[0]
+        assert (plot.x_range.end, plot.x_range.start) == shown.store.window[0]
         shown.choose(accepted(front, views.REGIONS))
         assert visible("below", "left", "above") == [["damping δ"], ["eccentricity ε"], []]
         assert plot.x_range.start < plot.x_range.end
@@ -86,10 +85,10 @@ def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -
 
 
 def test_an_arrow_to_the_right_goes_to_a_higher_speed(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         def cursor(number: int, steps: list[int]) -> tuple[float, float]:
             shown.map.figure.tags[0].data = {"steps": steps, "word": [""] * 4, "number": [number] * 4}
-            said = shown.parts["said"].object.text
+            said = shown.panel.parts["said"].object.text
             (speed,), (eccentricity,) = re.findall(r"([\d.]+) rpm", said), re.findall(r"([\d.]+) µm", said)
             return float(speed), float(eccentricity)
 
@@ -105,9 +104,9 @@ def test_an_arrow_to_the_right_goes_to_a_higher_speed(tmp_path: Path) -> None:
 
 
 def test_the_key_of_a_machine_lists_lines_of_its_plane_only(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         def listed() -> set[str]:
-            return {each["name"] for each in shown.parts["key"][0].overlays}
+            return {each["name"] for each in shown.panel.parts["key"][0].overlays}
 
         shown.choose(done(front, MACHINE))
         window = window_of(MACHINE)
@@ -121,44 +120,45 @@ def test_the_key_of_a_machine_lists_lines_of_its_plane_only(tmp_path: Path) -> N
 
 
 def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, MACHINE))
         await eventually(lambda: cells(shown) == 1)
         machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
-        shown.open_point(machine.delta, machine.epsilon)
-        drawn = shown.map._ellipse
+        shown.open((machine.delta, machine.epsilon))
+        drawn = shown.map.ellipse_at
         assert not len(drawn.data["x"])
-        shown._remember_point({"tolerance": "100.0,2e-06,0.9"})
+        shown.change_point({"tolerance": "100.0,2e-06,0.9"})
         expected = tolerance_outline(machine.delta, machine.epsilon, machine, Tolerance(100.0, 2e-6, 0.9))
         np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
-        shown._close_point()
+        shown.close()
         assert not len(drawn.data["x"])
 
     with_map(tmp_path, body)
 
 
 def test_a_machine_that_is_entered_is_looked_at_with_its_own_model(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, MACHINE))
         await eventually(lambda: cells(shown) == 1)
-        shown._machine_point(ENTERED)
-        view: Any = shown._beside._view
-        assert view._gear == ENTERED.machine.gear
-        assert view._gear.kappa == ENTERED.machine.kappa
-        assert not len(shown.map._cross.data["x"])  # it is not in this plane
+        machine = ENTERED.machine
+        shown.open((machine.delta, machine.epsilon), ENTERED)
+        view: Any = shown.beside.point
+        assert view.gear == ENTERED.machine.gear
+        assert view.gear.kappa == ENTERED.machine.kappa
+        assert not len(shown.map.cross_at.data["x"])  # it is not in this plane
         assert shown.view.machine == ENTERED
         rigid = ENTERED._replace(stiffness=None)
-        shown._machine_point(rigid)
-        assert len(shown.map._cross.data["x"]) == 1
-        shown.open_point(*shown.view.point)  # type: ignore[misc]
+        shown.open((machine.delta, machine.epsilon), rigid)
+        assert len(shown.map.cross_at.data["x"]) == 1
+        shown.open((machine.delta, machine.epsilon))
         assert shown.view.machine is None
 
     with_map(tmp_path, body)
 
 
 def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
-    async def body(_front: Front, shown: MapView) -> None:
-        go = shown._beside.panel[0]
+    async def body(_front: Front, shown: Shown) -> None:
+        go = shown.beside.panel[0]
         go[0][1].clicks += 1
         (select, plain, machine, show), said = go[1], go[2]
         select.value = True

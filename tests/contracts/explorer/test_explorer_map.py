@@ -1,7 +1,7 @@
 """What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from functools import partial
 from types import SimpleNamespace
@@ -26,6 +26,7 @@ from gear_rattle.service.explorer.map.overlays import points_in
 from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
+from gear_rattle.service.explorer.state.events import Event, PointOpened, WayChosen
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
 from gear_rattle.workers.pictures.levels import levels_in_groups, overview
 from gear_rattle.workers.pictures.maps import readable
@@ -87,9 +88,8 @@ def plane(client: TestClient, survey: str) -> MapPlane:
     return found
 
 
-def new_map(**heard: Any) -> MapFigure:
-    names = ("on_point", "on_through", "on_pointer", "on_window", "on_reset")
-    found = MapFigure("light", *(heard.get(name, lambda *_: None) for name in names))
+def new_map(heard: Callable[[Event], None] = lambda _event: None) -> MapFigure:
+    found = MapFigure("light", heard)
     Document().add_root(found.figure)
     return found
 
@@ -300,26 +300,25 @@ def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
 
 
 def test_what_is_clicked_is_delta_and_epsilon() -> None:
-    clicked, through = [], []
-    drawn = new_map(on_point=lambda *point: clicked.append(point), on_through=lambda *point: through.append(point))
-    for callback in drawn.figure._event_callbacks["tap"]:
-        for x, y in ((0.6, 0.1), (None, 0.1), (0.39, 0.1), (0.6, -0.01)):  # the last two on the numbers of an axis
-            callback(SimpleNamespace(x=x, y=y, modifiers=None))
-        callback(SimpleNamespace(x=0.7, y=0.2, modifiers={"shift": True, "ctrl": False, "alt": False}))
-    assert (clicked, through) == ([(0.6, 0.1)], [(0.7, 0.2)])
+    heard: list[Event] = []
+    drawn = new_map(heard.append)
+    for x, y in ((0.6, 0.1), (None, 0.1), (0.39, 0.1), (0.6, -0.01)):  # the last two on the numbers of an axis
+        drawn.tap(SimpleNamespace(x=x, y=y, modifiers=None))
+    drawn.tap(SimpleNamespace(x=0.7, y=0.2, modifiers={"shift": True, "ctrl": False, "alt": False}))
+    assert heard == [PointOpened((0.6, 0.1)), WayChosen((0.7, 0.2))]
 
 
 def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
-    window = plane.box
+    window, axes = plane.box, (plane.delta, plane.epsilon)
     at = (plane.delta[10], plane.epsilon[5])
-    assert cursor_after_steps(plane, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
-    assert cursor_after_steps(plane, at, window, [0, 0, 1, -1]) == (
+    assert cursor_after_steps(axes, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
+    assert cursor_after_steps(axes, at, window, [0, 0, 1, -1]) == (
         plane.delta[13],
         plane.epsilon[3],
     )  # tenths of the window
-    assert cursor_after_steps(plane, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
+    assert cursor_after_steps(axes, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
     narrow = ((at[0], at[0] + 4e-3), (at[1], at[1] + 4e-3))
-    assert cursor_after_steps(plane, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
+    assert cursor_after_steps(axes, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
     assert following(narrow, at) == narrow
     (low, high), (bottom, top) = following(narrow, (at[0] + 5e-3, at[1]))
     assert (high - low, bottom, top) == pytest.approx((4e-3, *narrow[1]))

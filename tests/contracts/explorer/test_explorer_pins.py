@@ -5,27 +5,27 @@ import csv
 import io
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 from urllib.parse import parse_qs
 
 import pytest
 from bokeh.document import Document
 from service_support import BODY, no_cluster
-from test_explorer_view import accepted, with_map
+from test_explorer_view import Shown, accepted, with_map
 
 import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pin_of
-from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.map.view import MapView
-from gear_rattle.service.explorer.page.page import Page
 from gear_rattle.service.explorer.pins import view
 from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_of, lines_of, results_of_point
 from gear_rattle.service.explorer.pins.view import Pins
+from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
+from gear_rattle.service.explorer.point.state import opened_pin
+from gear_rattle.service.explorer.state.events import PinAdded, PointOpened, SurveyChosen
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -121,7 +121,6 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
     """What a viewer presses; the numbers come from nowhere."""
     stopped: list[int] = []
     at_work: list[Pin] = []
-    went: list[Pin] = []
     said: list[str] = []
 
     class Work:
@@ -152,12 +151,13 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         async with app.router.lifespan_context(app):
             viewer = Viewer(app.state.front, Caller(), Document())
             viewer.tell = said.append
-            await several(Pins(viewer, (HERE, STIFF), lambda: None, went.append))
-            await use(Pins(viewer, (HERE,), lambda: None, went.append))
+            await several(Store(View(pins=(HERE, STIFF)), EXAMPLE), viewer)
+            await use(Store(View(pins=(HERE,)), EXAMPLE), viewer)
             viewer.end()
 
-    async def several(pins: Pins) -> None:
-        pins.follow(None)
+    async def several(store: Store, viewer: Viewer) -> None:
+        pins = Pins(viewer, store)
+        store.learn({})
         await settled()
         assert pins.table.lines[4] == ["Region", "0.6 is busy.", f"{STIFF.delta} is busy."]
 
@@ -165,33 +165,40 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         for _ in range(20):
             await asyncio.sleep(0)
 
-    async def use(pins: Pins) -> None:
+    async def use(store: Store, viewer: Viewer) -> None:
+        pins = Pins(viewer, store)
+
+        def open_pin(pin: Pin) -> None:
+            store.dispatch(PointOpened((pin.delta, pin.epsilon)))
+
         def press(action: str, number: int = 0) -> Awaitable[None]:
             pins.table.press({"action": action, "pin": number})
             return settled()
 
         await settled()
         assert pins.table.lines[3] == ["Region", COMPUTED]  # a page that nobody tells anything computes nothing
-        pins.follow(None)
+        store.learn({})
         await settled()
         assert pins.table.lines[3] == ["Region", "0.6 is busy."]
         assert pins.table.offered == ""
-        pins.follow(QUIET)
+        open_pin(QUIET)
         assert pins.table.offered == QUIET.label
         await press("pin")
-        assert (pins.pins, pins.table.offered) == ((HERE, QUIET), "")
+        assert (store.view.pins, pins.table.offered) == ((HERE, QUIET), "")
         assert pins.table.heads == [f"1: {HERE.label}", f"2: {QUIET.label}"]
         assert pins.table.lines[3] == ["Region", "0.6 is busy.", view.FAILED]
         await press("pin")
-        await press("go", 1)
+        open_pin(HERE)
         await press("go", 7)
-        assert (len(pins.pins), went) == (2, [QUIET])
+        assert store.view.point == HERE[:2]
+        await press("go", 1)
+        assert (store.view.pins, store.view.point) == ((HERE, QUIET), QUIET[:2])
         await press("remove", 0)
-        assert (pins.pins, stopped) == ((QUIET,), [1])
+        assert (store.view.pins, stopped) == ((QUIET,), [1])
         for number in range(MOST_PINS):
-            pins.follow(Pin(0.5, number / 100, 0.6))
+            open_pin(Pin(0.5, number / 100, 0.6))
             await press("pin")
-        assert len(pins.pins) == MOST_PINS
+        assert len(store.view.pins) == MOST_PINS
         assert said == [view.FULL]
         pins.end()
         assert len(stopped) == 1 + MOST_PINS
@@ -202,20 +209,16 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(tmp_path: Path) -> None:
     other = SurveyRequest(**BODY | {"beta": 0.5, "quantities": ["region"]})
-    offered: list[Pin | None] = []
-    told: Any = SimpleNamespace(follow=lambda *_: None)
 
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         job = accepted(front, other)
-        shown.view = View(survey=job.id, point=(0.6, 0.1))
-        page = object.__new__(Page)
-        page._map, page._standings, page._viewer = shown, {}, shown._viewer
-        page._section = page._further = page._families = told
-        page._pins = cast(Pins, SimpleNamespace(follow=offered.append, pins=(QUIET, Pin(0.6, 0.1, 0.5))))
-        page._follow()
-        shown.follow(JobStatus(job, None, None))
-        page._follow()  # as news does
-        assert offered == [None, Pin(0.6, 0.1, 0.5)]
-        assert shown.map._pinned.data["name"] == ["2"]  # that of its gear
+        shown.store.dispatch(SurveyChosen(job.id))
+        shown.open((0.6, 0.1))
+        for pin in (QUIET, Pin(0.55, 0.1, 0.5)):
+            shown.store.dispatch(PinAdded(pin))
+        assert opened_pin(shown.store) is None
+        shown.follow(job)  # as news does
+        assert opened_pin(shown.store) == Pin(0.6, 0.1, 0.5)
+        assert shown.map.pins_at.data["name"] == ["2"]  # that of its gear
 
     with_map(tmp_path, body)

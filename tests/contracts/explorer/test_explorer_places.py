@@ -5,17 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from service_support import IN_A_THREAD, points_in
-from test_explorer_view import REGIONS, STIFF, accepted, cells, done, with_map
+from test_explorer_view import REGIONS, STIFF, Shown, accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, places
-from gear_rattle.service.explorer.map.cursor import History
-from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, sampled
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.diagram import diagram_table
 from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.explorer.state.events import WayChosen
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front
 from rattle.attractors import CHAOTIC, QUIET
@@ -47,23 +46,6 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
         assert PointState.read({"span": wrong}, 7.0).span is None
 
 
-def test_windows_are_gone_back_to_and_forward_again() -> None:
-    one, two = (((0.5, 0.6), (0.1, 0.2)), ((0.5, 0.55), (0.1, 0.15)))
-    history = History()
-    assert history.back(None) is None
-    history.leave(None)
-    history.leave(one)
-    assert history.back(two) == one
-    assert history.back(one) is None
-    assert history.back(None) is None
-    assert history.forward(None) == one
-    assert history.forward(one) == two
-    assert history.forward(two) == two
-    assert history.back(two) == one
-    history.leave(one)
-    assert history.forward(two) == two  # another way was taken
-
-
 def test_the_example_is_what_its_survey_finds() -> None:
     """At random cells, with other starts: within four standard errors of both samples."""
     assert EXAMPLE.stat().st_size <= 300_000  # it comes with the wheel
@@ -86,26 +68,24 @@ def test_the_example_is_what_its_survey_finds() -> None:
 
 
 def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
-        await eventually(lambda: cells(shown) and shown._plane is not None)
-        named = shown._beside._go_to._named
-        whole = shown.window
+        await eventually(lambda: cells(shown) and shown.plane is not None)
+        named = shown.go_to.named
+        whole = shown.store.window
         named.value = places()["Figure 8: about COD21 and COD22"]
         assert named.value == ""
-        assert shown.window == FIGURE_8
+        assert shown.store.window == FIGURE_8
         named.value = places()["Figure 9: diagram at δ = 0.762"]
         assert shown.view.point == pytest.approx((0.762, 0.0967))
         assert "p.span=0.001" in shown.view.query()
-        words = shown._cursor._do
-        words["back"]((0.0, 0.0))
-        words["back"]((0.0, 0.0))
-        assert shown.window == whole
-        words["forward"]((0.0, 0.0))
+        shown.keys.press("back")
+        assert shown.store.window == whole
+        shown.keys.press("forward")
         assert shown.map.figure.x_range.start == FIGURE_8[0][0]
         shown.choose(accepted(front, STIFF))
         named.value = places()["Figure 7: the plane"]
-        assert "of the impacting gear" in shown._beside._go_to._said.html
+        assert "of the impacting gear" in shown.go_to.said.html
 
     with_map(tmp_path, body)
 
@@ -137,15 +117,15 @@ def test_the_way_to_another_point_has_the_events_between() -> None:
 
 
 def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
-        await eventually(lambda: cells(shown) and shown._plane is not None)
-        shown.through(0.55, 0.05)  # nothing is open: then it is
+        await eventually(lambda: cells(shown) and shown.plane is not None)
+        shown.store.dispatch(WayChosen((0.55, 0.05)))  # nothing is open: then it is
         assert shown.view.point == (0.55, 0.05)
-        shown.through(0.65, 0.08)
+        shown.store.dispatch(WayChosen((0.65, 0.08)))
         assert shown.view.point == (0.55, 0.05)
         assert "p.to=0.65,0.08" in shown.view.query()
-        line = shown.map._ellipse.data
+        line = shown.map.ellipse_at.data
         assert (list(line["x"][-2:]), list(line["y"][-2:])) == ([0.55, 0.65], [0.05, 0.08])
         keys = shown.map.figure.tags[0]
         keys.data = {"steps": [0], "number": [0], "word": ["point 0.7,0.09"]}

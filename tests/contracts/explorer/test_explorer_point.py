@@ -20,8 +20,10 @@ from waiting import HANG, eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.design.places import CRISES
 from gear_rattle.service.explorer.places.exact import Exact
+from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
 from gear_rattle.service.explorer.point.diagram import (
@@ -38,11 +40,12 @@ from gear_rattle.service.explorer.point.parts import DiagramLines, Marks, Stroke
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.point.work import prepare
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
-from rattle.models import AnyGear, Impacting, Stiff
+from rattle.models import AnyGear, Impacting, Model, Stiff
 from rattle.plot import FIGURE_5
 from rattle.plot.colours import Palette
 from rattle.stiff import StiffGear
@@ -409,6 +412,22 @@ def test_an_address_without_a_tab_opens_the_one_of_its_choice(state: dict[str, s
 COARSER = either(6, 1)  # basins
 
 
+def new_view(
+    front: Front,
+    delta: float,
+    epsilon: float,
+    model: Model,
+    machine: rattle.Machine | None = None,
+    panel: PointPanel | None = None,
+    **state: str,
+) -> PointView:
+    """The view of a point, in a store of its own."""
+    store = Store(View(point=(delta, epsilon), point_state=state), EXAMPLE)
+    view = PointView(panel or PointPanel("light"), front, store, delta, epsilon, model, machine)
+    store.subscribe(view.follow, "point_state")
+    return view
+
+
 def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings: Any) -> None:
     async def main() -> None:
         app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False, **settings), no_cluster)
@@ -461,7 +480,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
     async def body(front: Front) -> None:
         await prepare(front)
         monkeypatch.setattr(work, "in_turn", in_turn_and_noted)
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
+        view = new_view(front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
         await eventually(lambda: is_filled(view, "likely", "safe", "loud", "loudest"))
@@ -481,14 +500,14 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert view.panel.events.html.count("data-point") > 6
         assert "<summary>All" in view.panel.events.html
         view.panel.on_tab("answer")
-        assert view.state == {}
+        assert view.store.view.point_state == {}
         states: list[dict[str, str]] = []
-        view.param.watch(lambda event: states.append(event.new), "state")
+        view.store.subscribe(lambda: states.append(dict(view.store.view.point_state)), "point_state")
         view.panel.choice.value = 2
         await eventually(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
-        view.panel.picture._tapped(type("Tap", (), {"x": 1.25, "y": 4.5}))
+        view.panel.picture.tap(type("Tap", (), {"x": 1.25, "y": 4.5}))
         await eventually(lambda: "initial condition" in view.panel.under_motion.html)
-        samples = view.panel.motions._samples.data
+        samples = view.panel.motions.samples.data
         expected = rattle.Gear(0.6, 0.1).trajectory(0.25, 4.5, float(samples["t"][-1]), len(samples["t"]))
         np.testing.assert_array_equal(samples["phi"], expected.phi)
         view.panel.direction.value = "delta"
@@ -499,7 +518,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
             {"attractor": "2", "tab": "motion"}, start | {"tab": "motion"},
             start | {"direction": "delta", "tab": "diagram"},
         ]  # fmt: skip
-        again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
+        again = new_view(front, 0.6, 0.1, Impacting(0.6), **view.store.view.point_state)
         await eventually(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
         again.panel.on_tab("motion")
         await eventually(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
@@ -515,12 +534,12 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         raise UnavailableError("a margin that takes <b>too long</b>")
 
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
+        view = new_view(front, 0.6, 0.1, Impacting(0.6))
 
         async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
             return refusing(arguments[0]) if slow and what == "The margin" else coarse(work, arguments)
 
-        monkeypatch.setattr(view._work, "compute", compute)
+        monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
         await eventually(lambda: is_filled(view, "likely", "safe", "loud"))
         await opened(view, "basins", "under_basins")
@@ -536,11 +555,11 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
+        view = new_view(front, 0.6, 0.1, Impacting(0.6))
         await eventually(lambda: front.points.borrowed_tokens > 0)
         view.stop()
         said = view.panel.likely.html
-        await eventually(lambda: not view._work._tasks)  # what was at work has ended, and nothing can follow
+        await eventually(lambda: not view.work.tasks)  # what was at work has ended, and nothing can follow
         assert view.panel.likely.html == said
         assert front.points.borrowed_tokens == 0
         assert front.points.statistics().tasks_waiting == 0
@@ -551,10 +570,10 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
 def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
         panel, left = PointPanel("light"), list[str]()
-        PointView(panel, front, 0.6, 0.1, Impacting(0.6)).stop()
+        new_view(front, 0.6, 0.1, Impacting(0.6), panel=panel).stop()
         panel.safe.html = "safe so far"
-        panel.where._model.on_change("text", lambda _attr, _old, _new: left.append(panel.safe.html))
-        PointView(panel, front, 0.55, 0.08, Impacting(0.6)).stop()
+        panel.where.pane.object.on_change("text", lambda _attr, _old, _new: left.append(panel.safe.html))
+        new_view(front, 0.55, 0.08, Impacting(0.6), panel=panel).stop()
         assert left == ["safe so far"]
         assert "margin" in panel.safe.html  # of the next one, that is computed
         assert panel.where.html
@@ -568,11 +587,11 @@ def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tm
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
         panel = PointPanel("light")
-        PointView(panel, front, 0.6, 0.1, Impacting(0.6)).stop()
-        view = PointView(panel, front, delta, epsilon, Impacting(0.6))
+        new_view(front, 0.6, 0.1, Impacting(0.6), panel=panel).stop()
+        view = new_view(front, delta, epsilon, Impacting(0.6), panel=panel)
         assert "must" in view.panel.likely.html
         assert panel.where.html == panel.safe.html == ""
-        assert not view.go_through((0.6, 0.1))
+        view.follow()
         view.stop()
 
     with_front(tmp_path, body)
@@ -585,16 +604,13 @@ def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_pat
     assert surveyed is not None
 
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
-        for model, at in ((Impacting(0.5), (0.6, 0.1)), (Impacting(0.6), (0.61, 0.1))):
-            view.tell_survey(model, at, surveyed)  # of another gear, or another point
-            assert "starts" not in view.panel.likely.html
-        view.tell_survey(Impacting(0.6), (0.6, 0.1), surveyed)
+        view = new_view(front, 0.6, 0.1, Impacting(0.6))
+        view.tell_survey(surveyed)
         assert "from 64 starts" in view.panel.likely.html
         assert "from the survey's grid cell" in view.panel.likely.html
         await eventually(lambda: "from 1,024 starts" in view.panel.likely.html)
         assert "grid cell" not in view.panel.likely.html
-        view.tell_survey(Impacting(0.6), (0.6, 0.1), surveyed)  # too late
+        view.tell_survey(surveyed)  # too late
         assert "from 1,024 starts" in view.panel.likely.html
         view.stop()
 
@@ -603,14 +619,14 @@ def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_pat
 
 def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, 0.6, 0.075, Stiff(0.6, 1e4))
+        view = new_view(front, 0.6, 0.075, Stiff(0.6, 1e4))
         asked: list[str] = []
 
         async def compute(work: Any, *arguments: Any, what: str, **_slow: bool) -> Any:
             asked.append(what)
             return coarse(work, arguments)
 
-        monkeypatch.setattr(view._work, "compute", compute)
+        monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
         assert "stiffness κ = 10000" in view.panel.where.html
         await eventually(lambda: is_filled(view, "likely", "safe", "orbits"))
@@ -628,17 +644,18 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         for name in named:  # known after the attractors were told
             assert f" = {name}" in view.panel.likely.html
             assert f" = {name}</th>" in view.panel.table.html
-        told = view.panel.diagram._marks.data["what"]
+        tools = [each for each in view.panel.diagram.figure.toolbar.tools if isinstance(each, HoverTool)]
+        (told,) = [each.renderers[0].data_source.data["what"] for each in tools if each.attachment == "right"]
         assert told
         assert all(
             re.fullmatch(r"(\w+, )?(saddle-node|period doubling|grazing) of P\(\d+,\d+,\d+\)", it) for it in told
         )
-        samples = view.panel.motions._samples.data
+        samples = view.panel.motions.samples.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
         assert "impacting model only" in view.panel.safe.html
         assert "The margin" not in asked
-        assert view._lines is not None
-        assert [line.name for line in view._lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
+        assert view.lines is not None
+        assert [line.name for line in view.lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
         view.stop()
 
     with_front(tmp_path, body)

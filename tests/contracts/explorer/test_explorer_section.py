@@ -6,17 +6,17 @@ from urllib.parse import parse_qsl
 import numpy as np
 import pytest
 from service_support import BODY
-from test_explorer_view import done, with_map
+from test_explorer_view import Shown, done, with_map
 from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import Chosen, View
-from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.places.exact import Exact
 from gear_rattle.service.explorer.point.diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import spanned
 from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
 from gear_rattle.service.explorer.section.section import NO_WAY, Section
+from gear_rattle.service.explorer.state.events import PointOpened
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
 from rattle import KINDS
@@ -83,69 +83,56 @@ def test_gaps_are_where_a_map_has_no_value(exact: Exact) -> None:
     assert np.isnan(drawn).any()  # a line has a gap there
 
 
-class Page:
-    """What a section asks of the page around it."""
-
-    def __init__(self, shown: MapView) -> None:
-        self.shown, self.asked = shown, [(0.0, 0.0)]
-        self.section = Section(shown._shared, shown._viewer, "light", "", self.keep, self.asked.append)
-
-    def keep(self, **values: object) -> None:
-        self.shown.keep(**values)
-        self.section.follow(self.shown.view, self.shown._job)
-
-
 ATTRACTORS = SurveyRequest(**BODY | {"quantities": ["region", "attractors"], "slots": 2})
 
 
 def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         job = done(front, ATTRACTORS)
         shown.choose(job)
-        shown._controls._variable.value = "region"
-        await eventually(lambda: shown._plane is not None and shown._plane.plane.name == "region")
-        page = Page(shown)
-        section = page.section
-        panel, fields = section.below.panel, (section._delta, section._epsilon)
-        section.follow(View(survey=job.id, variable="region"), job)
+        shown.controls.variable.value = "region"
+        await eventually(lambda: shown.plane is not None and shown.plane.plane.name == "region")
+        section = Section(shown.shared, shown.viewer, shown.store, "light", "")
+        panel, fields = section.below.panel, (section.delta, section.epsilon)
+        shown.follow(job)
         assert not panel.visible  # no point, no diagram
-        page.keep(point=(0.52, 0.06), point_state={"to": "0.68,0.14"})
+        shown.store.dispatch(PointOpened((0.52, 0.06), state={"to": "0.68,0.14"}))
         await eventually(lambda: panel.visible)
-        assert section._variable.value == "region,0"
+        assert section.variable.value == "region,0"
         assert [field.value for field in fields] == [0.68, 0.14]
-        data = section._picture._steps.data
+        data = section.picture.steps.data
         assert (data["x"][0], data["x"][-1]) == (0.0, 1.0)
-        assert shown._plane is not None
-        region = int(shown._plane.values[0, 1])
+        assert shown.plane is not None
+        region = int(shown.plane.values[0, 1])
         assert (data["value"][0], data["what"][0]) == (region, rattle.REGIONS[region])
-        axis = section._picture.figure.yaxis
+        axis = section.picture.figure.yaxis
         assert axis.major_label_overrides[region] == rattle.REGIONS[region]
         picture = DiagramPicture("light", section.below.x_range)
-        assert picture.figure.x_range is section._picture.figure.x_range
-        assert picture.figure.min_border_left == section._picture.figure.min_border_left
-        section._variable.value = "attractor_kind,1"
+        assert picture.figure.x_range is section.picture.figure.x_range
+        assert picture.figure.min_border_left == section.picture.figure.min_border_left
+        section.variable.value = "attractor_kind,1"
         assert shown.view.profile == Chosen("attractor_kind", 1)
         told = {name: [value.encode()] for name, value in parse_qsl(shown.view.query()[1:])}
         assert View.parse(told).profile == shown.view.profile
-        await eventually(lambda: "Kind of" in section._said.html)
-        assert set(section._picture._steps.data["what"]) <= {"", *KINDS}
-        section._variable.value = "attractor_fraction,0"
-        await eventually(lambda: "Share of" in section._said.html)
-        section._low.value, section._high.value = 0.25, 0.75
-        await eventually(lambda: section._picture.figure.y_range.start == 0.25)
+        await eventually(lambda: "Kind of" in section.said.html)
+        assert set(section.picture.steps.data["what"]) <= {"", *KINDS}
+        section.variable.value = "attractor_fraction,0"
+        await eventually(lambda: "Share of" in section.said.html)
+        section.low.value, section.high.value = 0.25, 0.75
+        await eventually(lambda: section.picture.figure.y_range.start == 0.25)
         assert shown.view.profile_limits == (0.25, 0.75)
-        section._low.value = 2.0
-        assert "two limits" in section._said.html
+        section.low.value = 2.0
+        assert "two limits" in section.said.html
         assert shown.view.profile_limits == (0.25, 0.75)
-        section._epsilon.value = 0.1
-        assert page.asked[-1] == (0.68, 0.1)
-        section._delta.value = -1.0
-        assert NO_WAY in section._said.html
-        assert page.asked[-1] == (0.68, 0.1)
-        page.keep(point_state={"direction": "delta", "span": "0.03"})
+        section.epsilon.value = 0.1
+        assert shown.view.point_state["to"] == "0.68,0.1"
+        section.delta.value = -1.0
+        assert NO_WAY in section.said.html
+        assert shown.view.point_state["to"] == "0.68,0.1"
+        shown.change_point({"direction": "delta", "span": "0.03"})
         await eventually(lambda: section.below.x_range.start == pytest.approx(0.49))
         assert section.below.x_range.end == pytest.approx(0.55)
-        page.keep(point=None)
+        shown.close()
         assert not panel.visible
 
     with_map(tmp_path, body)

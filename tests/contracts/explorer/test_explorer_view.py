@@ -3,7 +3,6 @@
 import asyncio
 import sqlite3
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +16,33 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.explorer.common.address import Pair, View
+from gear_rattle.service.explorer.common.address import KEYBOARD, Entered, Pair, View
 from gear_rattle.service.explorer.common.news import JobStatus, News
 from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.design.go_to import GoTo
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
-from gear_rattle.service.explorer.map.closer import block_of
-from gear_rattle.service.explorer.map.colouring import colouring
-from gear_rattle.service.explorer.map.planes import Atlas, maps_of
+from gear_rattle.service.explorer.map.beside import Beside
+from gear_rattle.service.explorer.map.colouring import Colouring, colouring
+from gear_rattle.service.explorer.map.controls import Controls
+from gear_rattle.service.explorer.map.figure import MapFigure
+from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
 from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
+from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.rows import row_of
 from gear_rattle.service.explorer.places.exact import Exact, ExactPlane
+from gear_rattle.service.explorer.point.panel import Below
+from gear_rattle.service.explorer.state.events import (
+    PointChanged,
+    PointClosed,
+    Pointed,
+    PointOpened,
+    SurveyChosen,
+    WindowMoved,
+    WindowReset,
+)
+from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations.surveys import submit_survey
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
@@ -56,16 +70,76 @@ class Here(Viewer):
         what()
 
 
-def with_map(data: Path, body: Callable[[Front, MapView], Awaitable[None]], **view: Any) -> None:
+class Shown:
+    """The map of a page, with its controls and the open point, as the page has them around its store."""
+
+    def __init__(self, shared: Shared, viewer: Viewer, view: View) -> None:
+        self.shared, self.viewer = shared, viewer
+        self.store = store = Store(view, shared.exact.request)
+        self.map = MapFigure("light", store.dispatch)
+        self.panel = MapView(shared, viewer, store, self.map, "")
+        self.controls = Controls(shared, store, "")
+        self.go_to = GoTo(store, "")
+        self.beside = Beside(shared, viewer, store, "light", Below(), self.go_to.panel, self.panel.readout.pane)
+        self.title, self.said, self.readout = self.panel.title, self.panel.said, self.panel.readout
+        self.lines, self.keys = self.panel.lines, self.panel.keys
+
+    @property
+    def view(self) -> View:
+        return self.store.view
+
+    @property
+    def plane(self) -> MapPlane | None:
+        return self.panel.plane
+
+    @property
+    def colours(self) -> Colouring | None:
+        return self.panel.colours
+
+    def follow(self, job: JobRow | None) -> None:
+        """What news of this survey does; None: there is none of it any more."""
+        status = {} if job is None else {job.id: JobStatus(job, None, None)}
+        gone = self.view.survey if job is None else ""
+        self.store.learn({name: each for name, each in {**self.store.jobs, **status}.items() if name != gone})
+
+    def choose(self, job: JobRow, is_new: bool = False) -> None:
+        self.store.dispatch(SurveyChosen(job.id, is_new))
+        self.follow(job)
+
+    def hover(self, delta: float, epsilon: float) -> None:
+        self.store.dispatch(Pointed((delta, epsilon), "map"))
+
+    def moved(self, delta: Pair, epsilon: Pair) -> None:
+        self.store.dispatch(WindowMoved((delta, epsilon)))
+
+    def reset(self) -> None:
+        self.store.dispatch(WindowReset())
+
+    def open(self, at: Pair, machine: Entered | None = None) -> None:
+        self.store.dispatch(PointOpened(at, machine))
+
+    def change_point(self, state: dict[str, str]) -> None:
+        self.store.dispatch(PointChanged(state))
+
+    def close(self) -> None:
+        self.store.dispatch(PointClosed())
+
+
+def with_map(
+    data: Path,
+    body: Callable[[Front, Shown], Awaitable[None]],
+    looked: Callable[[], None] = lambda: None,
+    **view: Any,
+) -> None:
     """Do this with the map of a page."""
 
     async def main() -> None:
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = Shared(front, News(front), Atlas(front), app.state.overlaid, Exact())
+            shared = Shared(front, News(front), Atlas(front), app.state.overlaid, Exact(), looked)
             viewer = Here(front, Caller(), Document())
-            shown = MapView(shared, viewer, View(overlays=(), **view), "light", "", lambda _: None, lambda: None)
+            shown = Shown(shared, viewer, View(overlays=(), is_variable_chosen="variable" in view, **view))
             viewer.document.add_root(shown.map.figure)
             await body(front, shown)
             viewer.end()
@@ -86,29 +160,29 @@ def done(front: Front, request: SurveyRequest) -> JobRow:
     return front.database.job(survey_id)
 
 
-def cells(shown: MapView) -> int:
+def cells(shown: Shown) -> int:
     """How many images the map has."""
     return len(shown.map.figure.select_one({"name": "cells0"}).data_source.data["image"])
 
 
-async def choose_with_lines(shown: MapView, job: JobRow) -> None:
+async def choose_with_lines(shown: Shown, job: JobRow) -> None:
     """Choose a survey that is done, and draw a line and a point over it."""
     shown.choose(job)
     await eventually(lambda: cells(shown))
     shown.map.line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
     shown.map.points([("COD22", 0.77, 0.09)])
-    shown._hover(0.6, 0.1)
-    await eventually(lambda: "Cell at" in shown._beside._text.html)
+    shown.hover(0.6, 0.1)
+    await eventually(lambda: "Cell at" in shown.readout.html)
 
 
-def assert_nothing_of_another(shown: MapView) -> None:
+def assert_nothing_of_another(shown: Shown) -> None:
     """There are no cells, lines, key or reading."""
     figure = shown.map.figure
     assert cells(shown) == 0
     assert figure.select_one({"name": "SN1"}).data_source.data["xs"] == []
     assert figure.select_one({"name": "points"}).data_source.data["x"] == []
-    assert shown._lines.key.shades == []
-    assert "Cell at" not in shown._beside._text.html
+    assert shown.lines.key.shades == []
+    assert "Cell at" not in shown.readout.html
 
 
 @pytest.mark.parametrize("is_there", [True, False])
@@ -122,11 +196,10 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
     async def ready(*_: Any, **__: Any) -> None:
         """Kernels, which are not what is waited for here."""
 
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         monkeypatch.setattr(front.kernels, "require", ready)
-        shown._shared = replace(shown._shared, looked=lambda: looked.append(True))
         job = done(front, REGIONS) if is_there else None
-        await shown._shared.prepare()
+        await shown.shared.prepare()
         assert len(drawn) == 1
         assert not looked  # and no processes are started for whoever may click
         if job:
@@ -135,49 +208,49 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
             shown.follow(None)
         await eventually(lambda: cells(shown))
         assert looked
-        assert lines == [(shown.model, shown.window)]
+        assert lines == [(shown.store.model, shown.store.window)]
         assert len(drawn) == (1 if job else 2)
 
-    with_map(tmp_path, body)
+    with_map(tmp_path, body, lambda: looked.append(True))
 
 
 @pytest.mark.parametrize("request_in_database", [None, '{"delta": 1}', "{"])
 def test_what_is_damaged_or_gone_is_no_hindrance_beforehand(tmp_path: Path, request_in_database: str | None) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         survey_id = accepted(front, REGIONS).id
         front.database.set_state(survey_id, State.RUNNING)
         front.database.set_state(survey_id, State.SUCCESSFUL)  # its numbers are gone
         if request_in_database:
             with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
                 database.execute("UPDATE jobs SET request = ?", [request_in_database])
-        await shown._shared.prepare()
+        await shown.shared.prepare()
 
     with_map(tmp_path, body)
 
 
 def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         await choose_with_lines(shown, done(front, REGIONS))
-        assert shown._lines.key.shades
+        assert shown.lines.key.shades
         shown.choose(accepted(front, STIFF))
-        await eventually(lambda: "waits for its turn" in shown._title.html)
+        await eventually(lambda: "waits for its turn" in shown.title.html)
         assert_nothing_of_another(shown)
-        assert shown.model == Stiff(0.6, 1e4)  # of which a click is
+        assert shown.store.model == Stiff(0.6, 1e4)  # of which a click is
         assert shown.map.figure.x_range.start > 0.75
-        assert shown._lines.key.overlays[0]["meaning"] == Stiff(0.6, 1e4).describe("SN1")
-        names = [each["name"] for each in shown._lines.key.overlays]
+        assert shown.lines.key.overlays[0]["meaning"] == Stiff(0.6, 1e4).describe("SN1")
+        names = [each["name"] for each in shown.lines.key.overlays]
         assert names == [*Stiff(0.6, 1e4).curve_names, "design_limit"]  # no crisis and no points, which it has not
 
     with_map(tmp_path, body)
 
 
 def test_a_survey_that_is_gone_leaves_nothing_of_it(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         await choose_with_lines(shown, done(front, REGIONS))
         shown.follow(None)
-        assert "no longer there" in shown._title.html
+        assert "no longer there" in shown.title.html
         assert_nothing_of_another(shown)
-        assert shown.model == Impacting()
+        assert shown.store.model == Impacting()
 
     with_map(tmp_path, body)
 
@@ -186,41 +259,40 @@ ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
 
 
 def test_an_address_of_a_survey_that_is_not_there_is_said_to_be_one(tmp_path: Path) -> None:
-    async def body(_front: Front, shown: MapView) -> None:
+    async def body(_front: Front, shown: Shown) -> None:
         shown.follow(None)
-        assert "no longer there" in shown._title.html
+        assert "no longer there" in shown.title.html
 
     with_map(tmp_path, body, survey="nothing")
 
 
 def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
-        controls = shown._controls
+    async def body(front: Front, shown: Shown) -> None:
+        controls = shown.controls
 
         async def drawn(limits: Pair, log: bool) -> None:
-            await eventually(lambda: shown._colours is not None and shown._colours.log == log)
-            await eventually(lambda: shown._drawing is not None and shown._drawing.done())
-            assert shown.view.limits == pytest.approx(limits)
+            await eventually(lambda: shown.colours is not None and shown.colours.log == log)
+            await eventually(lambda: shown.view.limits == pytest.approx(limits))
             assert shown.view.log == log
-            assert (controls._low.value, controls._high.value) == pytest.approx(limits)
+            assert (controls.low.value, controls.high.value) == pytest.approx(limits)
 
         shown.choose(done(front, ORBITS))
         await drawn((1.5, 5.0), log=False)
-        controls._log.value = ["log scale"]
+        controls.log.value = ["log scale"]
         await drawn((1.5, 5.0), log=True)
-        controls._log.value = []
+        controls.log.value = []
         await drawn((1.5, 5.0), log=False)
-        controls._low.value = 7.0
-        assert "7 to 5: the first limit must be below the second" in shown._title.html
-        controls._low.value = -1.0
+        controls.low.value = 7.0
+        assert "7 to 5: the first limit must be below the second" in controls.wrong.html
+        controls.low.value = -1.0
         await drawn((-1.0, 5.0), log=False)
-        assert "must be" not in shown._title.html
-        controls._log.value = ["log scale"]
-        values = shown._plane.block().values  # type: ignore[union-attr] # it is there
+        assert "must be" not in controls.wrong.html
+        controls.log.value = ["log scale"]
+        values = shown.plane.block().values  # type: ignore[union-attr] # it is there
         await drawn((float(np.nanmin(values)), 5.0), log=True)
-        controls._high.value = -0.5
-        controls._low.value = -1.0
-        assert "above 0" in shown._title.html
+        controls.high.value = -0.5
+        controls.low.value = -1.0
+        assert "above 0" in controls.wrong.html
         assert shown.view.limits[1] == 5.0
 
     with_map(tmp_path, body, variable="orbit_velocity", limits=(1.5, 5.0))
@@ -229,10 +301,10 @@ def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path:
 def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
     delta, epsilon = 0.6 + 0.3 * 0.04, 0.1 - 0.4 * 0.1 / 3  # within a cell, and away from its centre
 
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
-        await eventually(lambda: cells(shown) and shown._plane is not None)
-        plane, figure = shown._plane, shown.map.figure
+        await eventually(lambda: cells(shown) and shown.plane is not None)
+        plane, figure = shown.plane, shown.map.figure
         assert plane is not None
         at = plane.at(delta, epsilon)
         assert at is not None
@@ -244,21 +316,21 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         code = rattle.REGIONS[int(at[0])]
 
         def shares() -> dict[str, float]:
-            return {each["label"]: each["share"] for each in shown._lines.key.shades}
+            return {each["label"]: each["share"] for each in shown.lines.key.shades}
 
         await eventually(lambda: shares().get(code) == 1.0)
-        await eventually(lambda: "his window" in shown._title.html)  # where one looks
+        await eventually(lambda: "his window" in shown.title.html)  # where one looks
         other = 1 + int(at[0]) % 5
         axes = (np.linspace(low, high, 9) for low, high in window)
         values = np.full((9, 9), other, np.int8)
         values[:3] = int(at[0])
-        shown._closer._frame(block_of(Frame(*axes, values, 1.0, 0)))
+        shown.panel.show_finer(block_of(Frame(*axes, values, 1.0, 0)))
         await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
-        shown._hover(delta, epsilon)
-        await eventually(lambda: "Outside of this window" in shown._beside._text.html)
-        assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown._beside._text.html
-        shown._look((delta, epsilon))
-        assert shown._said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
+        shown.hover(delta, epsilon)
+        await eventually(lambda: "Outside of this window" in shown.readout.html)
+        assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown.readout.html
+        shown.store.dispatch(Pointed((delta, epsilon), KEYBOARD))
+        assert shown.said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
         shown.reset()
         await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
 
@@ -270,7 +342,7 @@ def test_a_large_survey_is_drawn_for_the_pixels_that_a_browser_has(
 ) -> None:
     monkeypatch.setattr(map_view, "SIDE", 2)
 
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         source = shown.map.figure.select_one({"name": "cells0"}).data_source
         shown.choose(done(front, REGIONS))
         await eventually(lambda: [each.shape for each in source.data["image"]] == [(4, 6)])
@@ -285,33 +357,33 @@ THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.5,
 
 
 def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         job = done(front, THIRD)
         shown.choose(job)
         await eventually(lambda: cells(shown))
-        slider = shown._controls._slice
+        slider = shown.controls.slice
         assert (slider.visible, slider.end, slider.value, slider.label) == (True, 1, 1, "β = 0.6")  # as in the address
-        assert shown.model == Impacting(0.6)
+        assert shown.store.model == Impacting(0.6)
         with open_survey(front.directory.store(job.id)) as survey:
             assert (survey.region.values[0] != survey.region.values[1]).any()
             for number, beta in ((0, 0.5), (1, 0.6)):
                 slider.value = number
-                await eventually(lambda: shown._plane is not None and shown._drawn)
-                assert (shown.view.slice, shown.model, slider.label) == (number, Impacting(beta), f"β = {beta}")
+                await eventually(lambda: shown.plane is not None)
+                assert (shown.view.slice, shown.store.model, slider.label) == (number, Impacting(beta), f"β = {beta}")
                 assert ("slice=1" in shown.view.query()) == (number == 1)
-                assert shown._plane is not None
-                assert shown._plane.request.gear_model == Impacting(beta)
-                assert (shown._plane.values == survey.region.values[number]).all()
-                assert (shown._plane.status == 1).all()
+                assert shown.plane is not None
+                assert shown.plane.request.gear_model == Impacting(beta)
+                assert (shown.plane.values == survey.region.values[number]).all()
+                assert (shown.plane.status == 1).all()
         shown.choose(done(front, REGIONS))
-        await eventually(lambda: shown._plane is not None and cells(shown))
+        await eventually(lambda: shown.plane is not None and cells(shown))
         assert not slider.visible
 
     with_map(tmp_path, body, slice=1)
 
 
 def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
-    async def body(front: Front, _shown: MapView) -> None:
+    async def body(front: Front, _shown: Shown) -> None:
         job = accepted(front, THIRD)
         row = row_of(JobStatus(job, None, None), View(survey=job.id, variable="region", slice=1), True)
         assert (row["size"], row["slice"]) == ("6 × 4 × 2", ["beta", 1])
@@ -321,37 +393,37 @@ def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
 
 
 def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) -> None:
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         shown.follow(None)
-        await eventually(lambda: cells(shown) and "the gear runs quietly from most starts" in shown._title.html)
-        assert shown.view.variable == shown._controls.variable == "quiet_fraction"
-        example = shown._plane
+        await eventually(lambda: cells(shown) and "the gear runs quietly from most starts" in shown.title.html)
+        assert shown.view.variable == shown.controls.variable.value == "quiet_fraction"
+        example = shown.plane
         assert isinstance(example, ExactPlane)
-        shown._controls._buttons.value = "Chaos"
-        await eventually(lambda: "chaotic where the exponent is above 0" in shown._title.html)
-        assert shown.view.variable == shown._controls.variable == "lyapunov_max"
-        example = shown._plane
-        shown._controls._variable.value = "region"
-        await eventually(lambda: shown._plane is not example and "region of the plane" in shown._title.html)
-        plane, figure = shown._plane, shown.map.figure
+        shown.controls.buttons.value = "lyapunov_max"
+        await eventually(lambda: "chaotic where the exponent is above 0" in shown.title.html)
+        assert shown.view.variable == shown.controls.variable.value == "lyapunov_max"
+        example = shown.plane
+        shown.controls.variable.value = "region"
+        await eventually(lambda: shown.plane is not example and "region of the plane" in shown.title.html)
+        plane, figure = shown.plane, shown.map.figure
         assert isinstance(plane, ExactPlane)
         assert (plane.values == rattle.regions(plane.delta[None], plane.epsilon[:, None], 0.6)).all()
         assert (figure.x_range.start, figure.x_range.end) == pytest.approx((0.4, 1.0))
         assert (figure.y_range.start, figure.y_range.end) == pytest.approx((0.0, 0.3))
-        assert {each["label"] for each in shown._lines.key.shades} == {"I", "II", "III", "IV", "V"}
-        shown._hover(0.6, 0.1)
-        await eventually(lambda: "Cell at δ 0.6, ε 0.1" in shown._beside._text.html)
-        assert "<dt>status</dt><dd>ok</dd>" in shown._beside._text.html
+        assert {each["label"] for each in shown.lines.key.shades} == {"I", "II", "III", "IV", "V"}
+        shown.hover(0.6, 0.1)
+        await eventually(lambda: "Cell at δ 0.6, ε 0.1" in shown.readout.html)
+        assert "<dt>status</dt><dd>ok</dd>" in shown.readout.html
         for orbit in rattle.Gear(0.6, 0.1).orbits():
-            assert f"<td>{orbit.name}</td><td>{'stable' if orbit.stable else 'unstable'}" in shown._beside._text.html
-        shown._controls._variable.value = "orbit_velocity"
-        await eventually(lambda: shown._plane is not plane and shown._plane is not None)
-        assert shown._plane is not None
-        here = shown._plane.at(0.6, 0.1)
+            assert f"<td>{orbit.name}</td><td>{'stable' if orbit.stable else 'unstable'}" in shown.readout.html
+        shown.controls.variable.value = "orbit_velocity"
+        await eventually(lambda: shown.plane is not plane and shown.plane is not None)
+        assert shown.plane is not None
+        here = shown.plane.at(0.6, 0.1)
         assert here is not None
         assert here[0] == pytest.approx(2 * np.pi * 0.6, abs=0.02)  # of A: 2πδ
         shown.choose(accepted(front, STIFF))
-        await eventually(lambda: "waits for its turn" in shown._title.html)
+        await eventually(lambda: "waits for its turn" in shown.title.html)
         assert_nothing_of_another(shown)
 
     with_map(tmp_path, body)
@@ -377,35 +449,35 @@ def test_the_usual_map_of_a_survey_that_is_computed_is_one_that_fills_in(asked: 
 def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path: Path) -> None:
     asked = SurveyRequest(**BODY)
 
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         job = accepted(front, asked)
         shown.choose(job)
         await eventually(lambda: cells(shown))
         assert shown.view.variable == "region"
         front.database.set_state(job.id, State.RUNNING)
-        shown.follow(JobStatus(front.database.job(job.id), None, None))
-        await eventually(lambda: "The first cells of this survey" in shown._title.html)
-        assert shown.view.variable == shown._controls.variable == "quiet_fraction"
+        shown.follow(front.database.job(job.id))
+        await eventually(lambda: "The first cells of this survey" in shown.title.html)
+        assert shown.view.variable == shown.controls.variable.value == "quiet_fraction"
         for number in (0, 1):
             compute(front, job.id, asked, slice(number, number + 1))
-            shown.follow(JobStatus(front.database.job(job.id), None, None))
+            shown.follow(front.database.job(job.id))
             left = 1 - front.database.job(job.id).cells_done / asked.n_cells
-            await eventually(lambda left=left: shown._colours and shown._colours.shades[0].share == pytest.approx(left))
-            assert shown._colours is not None
-            assert "ends quiet" in shown._colours.title
-            assert shown._colours.shades[0].label == "not computed"
-        shown._controls._variable.value = "region"
-        await eventually(lambda: "before the survey has come" in shown._title.html)
+            await eventually(lambda left=left: shown.colours and shown.colours.shades[0].share == pytest.approx(left))
+            assert shown.colours is not None
+            assert "ends quiet" in shown.colours.title
+            assert shown.colours.shades[0].label == "not computed"
+        shown.controls.variable.value = "region"
+        await eventually(lambda: "before the survey has come" in shown.title.html)
         front.database.set_state(job.id, State.ACCEPTED)  # it waits for its turn again
-        shown.follow(JobStatus(front.database.job(job.id), None, None))
+        shown.follow(front.database.job(job.id))
         front.database.set_state(job.id, State.RUNNING)
-        shown.follow(JobStatus(front.database.job(job.id), None, None))
+        shown.follow(front.database.job(job.id))
         assert shown.view.variable == "region"  # which was chosen
-        shown.show_usual_variable()  # as where another survey has been submitted
-        shown.choose(accepted(front, asked.model_copy(update={"beta": 0.5})))
+        # as where another survey has been submitted
+        shown.choose(accepted(front, asked.model_copy(update={"beta": 0.5})), is_new=True)
         assert shown.view.variable == "region"
         front.database.set_state(shown.view.survey, State.RUNNING)
-        shown.follow(JobStatus(front.database.job(shown.view.survey), None, None))
+        shown.follow(front.database.job(shown.view.survey))
         assert shown.view.variable == "quiet_fraction"
 
     with_map(tmp_path, body)
@@ -415,20 +487,20 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
     """Of what is computed already all is read, and of the other cells what is known of them."""
     asked = SurveyRequest(**BODY | {"beta": 0.5})
 
-    async def body(front: Front, shown: MapView) -> None:
+    async def body(front: Front, shown: Shown) -> None:
         job = accepted(front, asked)
         shown.choose(job)
-        await eventually(lambda: cells(shown) and "waits for its turn" in shown._title.html)
+        await eventually(lambda: cells(shown) and "waits for its turn" in shown.title.html)
         assert shown.view.variable == "region"
-        plane = shown._plane
+        plane = shown.plane
         assert plane is not None
         delta, epsilon = asked.delta.values(), asked.epsilon.values()
         assert (plane.values == rattle.regions(delta[None], epsilon[:, None], 0.5)).all()
         front.database.set_state(job.id, State.RUNNING)
         compute(front, job.id, asked, slice(1))
-        shown.follow(JobStatus(front.database.job(job.id), None, None))
-        await eventually(lambda: "before the survey has come" in shown._title.html)
-        assert shown._plane is plane
+        shown.follow(front.database.job(job.id))
+        await eventually(lambda: "before the survey has come" in shown.title.html)
+        assert shown.plane is plane
         first, last = (plane.cell(delta[each], epsilon[each]) for each in (0, -1))
         assert first is not None
         assert "attractor_kind" in first
@@ -436,9 +508,9 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
         assert "attractor_kind" not in last
         assert last["region"] == plane.values[-1, -1]
         assert plane.cell(2.0, 0.1) is None
-        shown._controls._variable.value = "quiet_fraction"
-        await eventually(lambda: shown._plane is not plane)
-        assert shown._plane is not None
-        assert np.count_nonzero(shown._plane.status) == 6  # the cells of a tile
+        shown.controls.variable.value = "quiet_fraction"
+        await eventually(lambda: shown.plane is not plane)
+        assert shown.plane is not None
+        assert np.count_nonzero(shown.plane.status) == 6  # the cells of a tile
 
     with_map(tmp_path, body, variable="region")

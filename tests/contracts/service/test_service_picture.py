@@ -21,8 +21,8 @@ from matplotlib.image import imread
 from service_support import assert_problem, compute, front_end, front_of
 
 import rattle
-from gear_rattle.service.explorer.common.address import View
-from gear_rattle.service.explorer.map.picture import AsSeen, picture_query
+from gear_rattle.service.explorer.common.address import AsSeen, View
+from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.routes import picture
 from gear_rattle.workers import SurveyError, SurveyRequest, open_survey
 from gear_rattle.workers.pictures import maps

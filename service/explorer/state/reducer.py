@@ -1,0 +1,137 @@
+"""The reducer: the view of a page after an event, as a pure function of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from gear_rattle.service.explorer.common.address import MOST_FURTHER, MOST_PINS, Entered, Pair, Pointer, Ranges, View
+from gear_rattle.service.explorer.state import events
+from gear_rattle.service.explorer.state.events import Event
+
+MOST_WINDOWS = 200  # that are remembered
+TAB = "tab"
+
+
+def reduce(view: View, event: Event) -> View:
+    """Return the view after an event.
+
+    Parameters
+    ----------
+    view : View
+        View before the event.
+    event : Event
+        What a viewer did, see `gear_rattle.service.explorer.state.events`.
+
+    Returns
+    -------
+    View
+        The new view; the same one where the event asks for nothing that is possible.
+    """
+    match event:
+        case events.SurveyChosen(survey, is_new):
+            return _with_survey(replace(view, is_variable_chosen=view.is_variable_chosen and not is_new), survey)
+        case events.VariableChosen(variable):
+            return replace(view, variable=variable, index=0, limits="auto", is_variable_chosen=True)
+        case events.MapOffered(variable, index, number):
+            return replace(view, variable=variable, index=index, slice=number)
+        case events.IndexChosen(index):
+            return replace(view, index=index)
+        case events.SliceChosen(number):
+            return replace(view, slice=number, family=None)  # each slice has families of its own
+        case events.LimitsSet(limits, log):
+            return replace(view, limits=limits, log=log)
+        case events.MapDrawn(seen, limits):
+            is_own = seen is not None and isinstance(view.limits, tuple) and view.limits == limits
+            # on a log scale own limits begin at the least positive value
+            drawn = seen.limits if is_own and seen is not None and seen.limits is not None else view.limits
+            return replace(view, seen=seen, limits=drawn)
+        case events.OverlaysChosen(overlays):
+            return replace(view, overlays=overlays)
+        case events.ShareSet(share):
+            return replace(view, share=share)
+        case events.FamilyChosen(family):
+            return replace(view, family=family)
+        case events.WindowMoved(window):
+            (left, right), (bottom, top) = window
+            return _with_window(view, window) if left < right and bottom < top and right > 0 else view
+        case events.WindowReset():
+            return _with_window(view, None)
+        case events.WentBack():
+            if not view.before:
+                return view
+            turned = replace(view, before=view.before[:-1], after=(*view.after, view.window))
+            return _showing(turned, view.before[-1])
+        case events.WentForward():
+            if not view.after:
+                return view
+            turned = replace(view, after=view.after[:-1], before=(*view.before, view.window))
+            return _showing(turned, view.after[-1])
+        case events.Pointed(at, source):
+            return replace(view, pointer=Pointer(at, source))
+        case events.PointOpened(point, machine, state):
+            return _with_point(view, point, machine, state)
+        case events.PointChanged(state):
+            return replace(view, point_state=dict(state)) if view.point is not None else view
+        case events.WayChosen(to):
+            return _with_way(view, to)
+        case events.PointClosed():
+            return replace(view, point=None, point_state={}, machine=None)
+        case events.PlaceChosen(window, point, state):
+            moved = _with_window(view, window)
+            closed = replace(moved, point=None, point_state={}, machine=None)
+            return closed if point is None else _with_point(moved, point, None, state or None)
+        case events.ProfileChosen(profile, limits):
+            return replace(view, profile=profile, profile_limits=limits)
+        case events.MapAdded(further):
+            return replace(view, further=(*view.further, further)[:MOST_FURTHER])
+        case events.MapChanged(place, further):
+            return replace(view, further=(*view.further[:place], further, *view.further[place + 1 :]))
+        case events.MapRemoved(place):
+            return replace(view, further=(*view.further[:place], *view.further[place + 1 :]))
+        case events.PinAdded(pin):
+            return replace(view, pins=tuple(dict.fromkeys((*view.pins, pin)))[:MOST_PINS])
+        case events.PinRemoved(pin):
+            return replace(view, pins=tuple(each for each in view.pins if each != pin))
+
+
+def _with_survey(view: View, survey: str) -> View:
+    """Show another survey; the window and the point stay only with the survey that they were chosen on."""
+    if survey == view.survey:
+        return view
+    if not view.survey:
+        return replace(view, survey=survey, pointer=None)
+    closed = replace(view, delta=None, epsilon=None, point=None, point_state={}, machine=None, slice=0, family=None)
+    return replace(closed, survey=survey, pointer=None)
+
+
+def _with_window(view: View, window: Ranges | None) -> View:
+    """Show a window, or the whole survey, and remember the one before."""
+    if window == view.window:
+        return view
+    return _showing(replace(view, before=(*view.before, view.window)[-MOST_WINDOWS:], after=()), window)
+
+
+def _showing(view: View, window: Ranges | None) -> View:
+    delta, epsilon = window or (None, None)
+    return replace(view, delta=delta, epsilon=epsilon)
+
+
+def _with_point(view: View, point: Pair, machine: Entered | None, state: Mapping[str, str] | None) -> View:
+    """Open a point; without a state of its own it opens the tab that the one before had open."""
+    if point[0] <= 0 or point[1] < 0:
+        return view
+    if state is None:
+        is_open = (view.point, view.machine) == (point, machine)
+        state = {name: value for name, value in view.point_state.items() if is_open or name == TAB}
+    return replace(view, point=point, machine=machine, point_state=dict(state))
+
+
+def _with_way(view: View, to: Pair) -> View:
+    """Let the diagram of the open point go to another one, and show it."""
+    if view.point is None:
+        return _with_point(view, to, None, None)
+    if to[0] <= 0 or to[1] < 0:
+        return view
+    kept = {name: value for name, value in view.point_state.items() if name != "at"}
+    return replace(view, point_state=kept | {"to": ",".join(map(repr, to)), TAB: "diagram"})

@@ -1,0 +1,128 @@
+"""The store of a page: its view and the surveys that it knows, changed by events, and told to whoever shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+
+import numpy as np
+
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.explorer.common.address import Ranges, View
+from gear_rattle.service.explorer.common.news import JobStatus
+from gear_rattle.service.explorer.state.events import Event
+from gear_rattle.service.explorer.state.reducer import reduce
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.machine import SurveyedMachine
+from rattle.models import DEFAULT_MODEL, MODELS, Model
+
+JOBS = "jobs"
+NAMES = tuple(each.name for each in fields(View))
+
+
+class Store:
+    """The view of a page and the surveys that it knows.
+
+    Parameters
+    ----------
+    view : View
+        View of the page's address.
+    example : SurveyRequest
+        Survey that is shown where none is chosen.
+    """
+
+    def __init__(self, view: View, example: SurveyRequest) -> None:
+        self.view = view
+        self.jobs: Mapping[str, JobStatus] = {}
+        self.is_told = False  # the surveys are known
+        self._example = example
+        self._listeners: list[tuple[Callable[[], object], frozenset[str]]] = []
+        self._changed: set[str] = set()
+        self._is_telling = False
+        self._known: tuple[str, SurveyRequest] | None = None
+
+    def subscribe(self, listener: Callable[[], object], *names: str) -> None:
+        """Call a listener after each change of these fields of the view, or of JOBS, the surveys; by default of any."""
+        self._listeners.append((listener, frozenset(names or (*NAMES, JOBS))))
+
+    def dispatch(self, event: Event) -> None:
+        """Change the view by an event, and call the listeners of what has changed."""
+        before, self.view = self.view, reduce(self.view, event)
+        self._tell({name for name in NAMES if getattr(before, name) != getattr(self.view, name)})
+
+    def learn(self, jobs: Mapping[str, JobStatus]) -> None:
+        """Take over the surveys that there are now."""
+        self.jobs, self.is_told = jobs, True
+        self._tell({JOBS})
+
+    def _tell(self, changed: set[str]) -> None:
+        """Call listeners, each once for all that has changed meanwhile: a listener may dispatch events itself."""
+        self._changed |= changed
+        if self._is_telling:
+            return
+        self._is_telling = True
+        try:
+            while self._changed:
+                changed, self._changed = self._changed, set()
+                for listener, names in self._listeners:
+                    if names & changed:
+                        listener()
+        finally:
+            self._is_telling = False
+
+    @property
+    def job(self) -> JobRow | None:
+        """The chosen survey; None if there is none, or if it is not known."""
+        status = self.jobs.get(self.view.survey)
+        return None if status is None else status.job
+
+    @property
+    def whole(self) -> SurveyRequest | None:
+        """Request of the chosen survey, of the example if none is chosen; None if it cannot be read."""
+        if not self.view.survey:
+            return self._example
+        job = self.job
+        if job is None or not job.is_readable:
+            return None
+        if self._known is None or self._known[0] != job.id:
+            self._known = job.id, request_of_job(job)
+        return self._known[1]
+
+    @property
+    def request(self) -> SurveyRequest | None:
+        """The same, of a third axis for the chosen slice."""
+        whole = self.whole
+        return whole if whole is None else whole.at(whole.along(self.view.slice))
+
+    @property
+    def model(self) -> Model:
+        """Model of the chosen survey, by default that of the paper."""
+        request = self.request
+        return MODELS[DEFAULT_MODEL]() if request is None else request.gear_model
+
+    @property
+    def machine(self) -> SurveyedMachine | None:
+        """Machine of the chosen survey, if it is of one."""
+        request = self.request
+        return None if request is None else request.machine
+
+    @property
+    def window(self) -> Ranges:
+        """Window (low, high) of δ and of ε that is shown."""
+        return self.view.window or window_of(self.request or self._example)
+
+
+def request_of_job(job: JobRow) -> SurveyRequest:
+    """Return the request of a readable survey."""
+    return SurveyRequest.model_validate(job.request)
+
+
+def window_of(request: SurveyRequest) -> Ranges:
+    """Return the box that the cells of a requested plane will cover."""
+    return box_of_cells(request.delta.values(), request.epsilon.values())
+
+
+def box_of_cells(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
+    """Return the box that cells cover: half a cell more on each side."""
+    dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
+    return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))
