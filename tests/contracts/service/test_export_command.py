@@ -66,7 +66,7 @@ def test_a_row_for_each_attractor(store: Path, tmp_path: Path) -> None:
     ("out", "options", "message"),
     [
         ("survey.txt", (), "must end in"),
-        ("survey.csv", ("--form", "rows"), "none of cells"),
+        ("survey.csv", ("--form", "rows"), "use one of cells"),
         ("no/such/directory/survey.csv", (), "cannot be written"),
     ],
 )

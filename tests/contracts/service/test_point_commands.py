@@ -158,7 +158,10 @@ def test_a_table_is_compared(tmp_path: Path) -> None:
         (["attractors", *options(rpm=None)], "a machine needs --rpm too"),
         (["attractors", "0.6", "0.1", "--rpm", "100"], "exclude each other"),
         (["sound", "x.wav", "0.6", "0.1"], "--rpm"),
-        (["sound", "x.wav", "0.6", "0.1", "--rpm", "100", "--attractor", "9"], "no attractor 9: give 1 to 3"),
+        (
+            ["sound", "x.wav", "0.6", "0.1", "--rpm", "100", "--attractor", "9"],
+            "no attractor 9: give a number from 1 to 3",
+        ),
         (["orbits", *options(radius=50)], "for 50 mm give 0.05"),
         (["orbits", *options(drive="belt")], "drive must be one of torque, speed"),
         (["sound", "absent/x.wav", "0.6", "0.1", "--rpm", "100", "--seconds", "0.1"], "cannot be written"),
