@@ -70,7 +70,7 @@ GAP = np.delete(np.arange(720), slice(100, 140))
         (EVEN[0], EVEN[1] + 30 * TURN, "angle_deg,error_um", {}, "does not close after a revolution"),
         (*EVEN, "angle_deg,error_um", {"orders": 360}, "720 points are too few for 360 orders"),
         (EVEN[0][::-1], EVEN[1], "angle_deg,error_um", {}, "angles must rise, but these fall"),
-        (np.roll(EVEN[0], 9), EVEN[1], "angle_deg,error_um", {}, "sort it by angle"),
+        (np.roll(EVEN[0], 9), EVEN[1], "angle_deg,error_um", {}, "sort the table by angle"),
         (EVEN[0], np.where(TURN == 0.5, np.nan, EVEN[1]), "angle_deg,error_um", {}, "not a finite number"),
         (EVEN[0][:500], EVEN[1][:500], "angle_deg,error_um", {}, "whole revolutions, but span 0.693"),
         (EVEN[0][:3], EVEN[1][:3], "angle_deg,error_um", {}, "3 points are too few"),
