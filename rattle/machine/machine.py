@@ -203,7 +203,7 @@ class Machine:
 
     @property
     def _is_unlike(self) -> bool:
-        """Whether any number besides the first eight was given."""
+        """True if a number besides the first eight was given."""
         return any(getattr(self, each.name) not in (None, ()) for each in fields(self)[8:])
 
     @cached_property

@@ -102,7 +102,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     back = np.flatnonzero(steps <= 0)
     require(
         not back.size,
-        f"angles must rise, and point {back[:1] + 2} does not: sort it by angle, count on after a revolution with "
+        f"angles must rise, and point {back[:1] + 2} does not: sort the table by angle, go on after a revolution with "
         "361° after 360°, and leave out one of two points at the same angle",
     )
     turn, e, revolutions = _closed(turn, e)

@@ -13,7 +13,7 @@ FORMAT = 1
 
 
 class ClaimedState(StrEnum):
-    """What a claim says about one of the motions A, B, C and D."""
+    """The state that a claim gives to one of the motions A, B, C and D."""
 
     #: No such motion exists.
     NONE = "none"

@@ -80,14 +80,14 @@ def margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_serie
     x, y, v, u = solution
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
-    force_plus = contact_force(delta, x, y)
-    force_minus = contact_force(delta, x * cosine - y * sine, y * cosine + x * sine)
+    force_plus = force_at_phase(delta, x, y)
+    force_minus = force_at_phase(delta, x * cosine - y * sine, y * cosine + x * sine)
     linear = (1 - end) * (force_plus * u - force_minus * v) / delta
     product = 2 * (1 - a) * (1 - b) * force_plus * force_minus / (delta * delta)
     return [linear + product, (1 + end) * u * v - linear - product]
 
 
-def contact_force(delta: Number, cosine: Number, sine: Number) -> Number:
+def force_at_phase(delta: Number, cosine: Number, sine: Number) -> Number:
     """Return the contact force g at a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return 4 * PI() * delta - 4 * PI() ** 2 * cosine - 2 * PI() * delta * sine
 
@@ -298,7 +298,7 @@ class SolutionCell:
         """Return the contact force g at the time t after the impact on Σ⁺."""
         x, y, *_ = self.solution.over
         sine, cosine = (2 * t).sin_cos_pi()
-        return contact_force(self.delta, x * cosine - y * sine, y * cosine + x * sine)
+        return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
         """Return Φ' at the time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""

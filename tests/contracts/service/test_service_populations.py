@@ -160,7 +160,7 @@ def test_what_a_population_costs_is_measured(client: TestClient) -> None:
         ({"gear": POPULATION["gear"] | {"radius": 0.05}}, "body", "say it twice"),
         ({"gear": POPULATION["gear"] | {"beta": {"distribution": "normal", "mean": 0.6}}}, "body.gear.beta", ""),
         ({"gear": POPULATION["gear"] | {"restitution": LOSES}}, "body", "cut it off (high=1)"),
-        ({"correlation": [[1.0, 0.5], [0.4, 1.0]]}, "body", "is symmetric"),
+        ({"correlation": [[1.0, 0.5], [0.4, 1.0]]}, "body", "must be symmetric"),
         ({"count": 100}, "body.count", "limit of this service, 64."),
         ({"gears": 2_000_000}, "body.gears", "limit of this service, 1,000,000."),
         ({"tiles": 3}, "body.tiles", ""),

@@ -128,7 +128,7 @@ def decayed(x: Interval) -> Interval:
     return IV.exp(-x) * (1 + SLACK)
 
 
-def contact_force(d: Any, cosine: Any, sine: Any) -> Any:
+def force_of_phase(d: Any, cosine: Any, sine: Any) -> Any:
     """Return the contact force g at damping d and a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 

@@ -16,8 +16,8 @@ from .intervals import (
     Interval,
     Jet,
     ParameterBox,
-    contact_force,
     decayed,
+    force_of_phase,
     interval_between,
     less,
     middle,
@@ -40,7 +40,7 @@ class Terms:
         self.sine, self.cosine = s.sine_and_cosine(1)
 
 
-def closure_equations(t: Terms, beta: Interval) -> list[Jet]:
+def half_way_equations(t: Terms, beta: Interval) -> list[Jet]:
     """Return the equations (16.10) and (16.11), each as factor of Z₁, factor of Z₂ and right side."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
@@ -72,7 +72,7 @@ def margins(t: Terms, z: list[Jet]) -> list[Jet]:
     """
     v, u, _ = speeds_and_square(t, z)
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
-    top, bottom = contact_force(t.d, c0 + s0, c1 - s1) * 2, contact_force(t.d, c0 - s0, c1 + s1) * 2
+    top, bottom = force_of_phase(t.d, c0 + s0, c1 - s1) * 2, force_of_phase(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d
     down = first * top - v, -(first * v), t.a * top, -(t.a * v)  # v times: impact on Σ⁺, then the flight to Σ⁻
     up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)  # u times: impact on Σ⁻, then the flight
@@ -87,7 +87,7 @@ class Cell(ParameterBox):
         super().__init__(s, d)
         self.known: dict[Callable[..., list[Jet]], list[Jet]] = {}
         self.over, self.mid = Terms(*self.jets), Terms(*self.centre)
-        over, centre = (closure_equations(terms, beta) for terms in (self.over, self.mid))
+        over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
         # a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε², as in (16.8)
@@ -170,7 +170,7 @@ class Cell(ParameterBox):
         """Return the contact force g, a time t after the impact on Σ⁺."""
         sine, cosine = sine_and_cosine_of(2 * PI * t - PI * self.s)
         z1, z2 = (z.x for z in self.z)
-        return contact_force(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
+        return force_of_phase(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
 
     def velocity(self, sign: int, t: Interval) -> Interval:
         """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or on the flight back (1)."""
