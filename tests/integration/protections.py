@@ -65,7 +65,9 @@ def try_out(protection: Protection, copy: Path) -> bool:
 
 
 def _run(tests: Iterable[str], copy: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pytest", "-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider", *tests]
+    # Without percentages: "E   [100%]", an error of a fixture, would be taken for a line of its traceback.
+    options = ["-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider", "-o", "console_output_style=classic"]
+    command = [sys.executable, "-m", "pytest", *options, *tests]
     return subprocess.run(command, cwd=copy, env=_environment(copy), capture_output=True, text=True)
 
 
