@@ -116,10 +116,10 @@ class Controls:
             return
         featured, names = featured_in(maps), maps[view.variable]
         with self._watch.paused():
-            self.variable.param.update(options={variable_words(name): name for name in maps}, value=view.variable)
-            self.buttons.param.update(
-                options=featured, value=view.variable if view.variable in featured.values() else None
-            )
+            self.variable.options = {variable_words(name): name for name in maps}
+            self.variable.value = view.variable
+            self.buttons.options = featured
+            self.buttons.value = view.variable if view.variable in featured.values() else None
             self.index.visible = bool(names)
             self.index.label = "Orbit" if "A" in names else NUMBERED
             self.index.options = {str(name): number for number, name in enumerate(names)}
@@ -145,7 +145,10 @@ class Controls:
                 self.low.value, self.high.value = view.limits if isinstance(view.limits, tuple) else drawn
 
     def _on_button(self) -> None:
-        self._store.dispatch(VariableChosen(str(self.buttons.value)))
+        if self.buttons.value is None:  # a browser says so when there are other buttons
+            self._show_map()
+        else:
+            self._store.dispatch(VariableChosen(str(self.buttons.value)))
 
     def _on_variable(self) -> None:
         self._store.dispatch(VariableChosen(str(self.variable.value)))
