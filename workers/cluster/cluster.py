@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import inspect
 import json
 import logging
 import os
@@ -71,8 +70,6 @@ OURS, MODULE = "gear-rattle", "gear_rattle"
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
 SHOWN = 3  # a message names at most this many workers
 REFUSED = "gear-rattle-refused"  # topic of dask's events: a worker with other software
-#: Makes the plugin on a worker from its source: without this package a worker could not unpickle one of its classes.
-REBUILD = "(exec(source, names), names['RequireVersions'](versions, module, topic))[1]"
 
 logger = logging.getLogger(__name__)
 
@@ -94,62 +91,63 @@ class WarmKernels(WorkerPlugin):
         gc.freeze()
 
 
-class RequireVersions(WorkerPlugin):
-    """Close a worker with other software before its first task, also one that joins later; else load its kernels.
+def version_check(versions: Mapping[str, str | None], module: str, topic: str) -> WorkerPlugin:
+    """Return a plugin that closes a worker with other software before its first task; other workers load the kernels.
 
-    It is sent as source, and imports nothing of this package before the check, so that any worker can run it.
+    The check holds for workers that join later, too. The class is local, because dask sends a local class as a whole:
+    a worker without this package can run it. So it uses nothing of this module.
 
     Parameters
     ----------
-    versions : dict[str, str | None]
+    versions : Mapping[str, str | None]
         Required versions by package; the version of Python is its first two numbers.
     module : str
         Module that a worker must be able to import.
     topic : str
         Topic of dask's events in which a refused worker is named.
+
+    Returns
+    -------
+    WorkerPlugin
+        The plugin, for `Client.register_plugin`.
     """
 
-    name = "gear-rattle-versions"
+    class VersionCheck(WorkerPlugin):
+        name = "gear-rattle-versions"
 
-    def __init__(self, versions: dict[str, str | None], module: str, topic: str) -> None:
-        self.versions, self.module, self.topic = versions, module, topic
+        async def setup(self, worker: Worker) -> None:
+            """Compare versions before the worker begins a task. A closing worker begins none."""
+            import asyncio
+            import platform
+            from contextlib import suppress
+            from importlib import metadata
+            from importlib.util import find_spec
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return the source of this class, and the arguments that build it."""
-        source = "from __future__ import annotations\n" + inspect.getsource(RequireVersions)
-        return eval, (REBUILD, {"source": source, "names": {"WorkerPlugin": WorkerPlugin}, **vars(self)})
+            here: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
+            for name in versions.keys() - here.keys():
+                with suppress(metadata.PackageNotFoundError):
+                    here[name] = metadata.version(name)
+            differing = [name for name, version in versions.items() if here.get(name) != version]
+            found = f"has {differing[0]} {here.get(differing[0]) or 'none'}" if differing else ""
+            if find_spec(module) is None:
+                differing, found = [next(iter(versions))], f"cannot import {module}"
+            if differing:
+                required = f"{differing[0]} {versions[differing[0]] or 'none'}"
+                sentence = (
+                    f"the worker at {worker.address} {found}, and the process that runs surveys has {required}: "
+                    "the worker is refused, install the same version on both"
+                )
+                worker.log_event(topic, sentence)
+                # The end of closing must not be awaited: the nanny, which must not start the worker again, answers only
+                # once the worker has started.
+                self.closing = asyncio.create_task(worker.close(reason=sentence))
+                await asyncio.sleep(0)  # closing has begun
+                raise RuntimeError(sentence)  # dask writes it to the worker's log
+            from gear_rattle.workers.cluster.cluster import WarmKernels
 
-    async def setup(self, worker: Worker) -> None:
-        """Compare versions before the worker begins a task. A closing worker begins none."""
-        import asyncio
-        import platform
-        from contextlib import suppress
-        from importlib import metadata
-        from importlib.util import find_spec
+            await WarmKernels().setup(worker)
 
-        here: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
-        for name in self.versions.keys() - here.keys():
-            with suppress(metadata.PackageNotFoundError):
-                here[name] = metadata.version(name)
-        differing = [name for name, version in self.versions.items() if here.get(name) != version]
-        found = f"has {differing[0]} {here.get(differing[0]) or 'none'}" if differing else ""
-        if find_spec(self.module) is None:
-            differing, found = [next(iter(self.versions))], f"cannot import {self.module}"
-        if differing:
-            required = f"{differing[0]} {self.versions[differing[0]] or 'none'}"
-            sentence = (
-                f"the worker at {worker.address} {found}, and the process that runs surveys has {required}: "
-                "the worker is refused, install the same version on both"
-            )
-            worker.log_event(self.topic, sentence)
-            # The end of this must not be awaited: the nanny, which must not start the worker again, answers only once
-            # the worker has started.
-            self.closing = asyncio.create_task(worker.close(reason=sentence))
-            await asyncio.sleep(0)  # closing has begun
-            raise RuntimeError(sentence)  # dask writes it to the worker's log
-        from gear_rattle.workers.cluster.cluster import WarmKernels
-
-        await WarmKernels().setup(worker)
+    return VersionCheck()
 
 
 @contextmanager
@@ -351,7 +349,7 @@ def connect(url: str) -> Iterator[Client]:
         try:
             versions = require_compatible(client)
             client.subscribe_topic(REFUSED, lambda event: logger.warning("%s", event[1]))
-            client.register_plugin(RequireVersions(versions, MODULE, REFUSED))
+            client.register_plugin(version_check(versions, MODULE, REFUSED))
         except SurveyError:
             raise
         except Exception as error:
