@@ -115,7 +115,7 @@ class Classifier(ABC):
         budget: int = BUDGET,
     ) -> Self:
         """Return the samples (τ, v) (n, count) of cells with parameters (n,), followed to their end or budget."""
-        compile_apart("rattle.precompile", "survey", cls.model)
+        compile_apart(cls.model, "rattle.precompile:survey")
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found
