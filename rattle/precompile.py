@@ -19,6 +19,7 @@ from rattle.numerics.compile import compile_apart
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # largest ε of the example curve
 COUNT = 16  # samples of an example cell
+SURVEY, BY_REQUEST = f"{__name__}:survey", f"{__name__}:by_request"
 Steps = dict[str, Callable[[], object]]
 
 
@@ -44,9 +45,7 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
         If the kernels cannot be compiled; the message says why.
     """
     model = model_adding(name for name, value in added.items() if value is not None).name
-    compile_apart(__name__, "survey", model)
-    if optional:
-        compile_apart(__name__, "by_request", model)
+    compile_apart(model, SURVEY, *([BY_REQUEST] if optional else []))
     if preload:
         survey(model)["attractors"]()
 

@@ -132,7 +132,7 @@ class Classifier(ABC):
         budget: int = BUDGET,
     ) -> Self:
         """Follow the samples (τ, v) (n, count) of cells with parameters (n,) to their attractors or their budget."""
-        compile_apart("rattle.precompile", "survey", cls.model)
+        compile_apart(cls.model, "rattle.precompile:survey")
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found

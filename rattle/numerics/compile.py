@@ -7,29 +7,31 @@ docs/decisions/0005-kernel-cache.md
 
 import base64
 import fcntl
+import gc
 import hashlib
 import inspect
 import logging
 import os
 import pickle
 import platform
+import re
 import stat
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import IO, Any, ClassVar
 
 import llvmlite
 import numba
 import numpy as np
 from llvmlite import binding
-from numba import types
 from numba.extending import overload, typeof_impl
 
 from rattle.errors import RattleError
@@ -44,7 +46,9 @@ COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "preco
 COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # which take what is compiled elsewhere
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
 STEP = "compiling "  # how a line of that process begins that says what it is at
+POLL_SECONDS = 0.1
 _HERE: list[Path] = []  # notes of what this process compiles for others
+_LOCK = threading.Lock()
 
 
 @cache
@@ -54,8 +58,7 @@ def source_hash() -> str:
 
 
 def _hash_without(left_out: set[str]) -> str:
-    digest = hashlib.sha256()
-    root = Path(__file__).parents[1]
+    digest, root = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
         if name.parts[0] not in left_out:
@@ -77,13 +80,7 @@ def toolchain() -> dict[str, str]:
 
 
 def _root() -> str:
-    """Return the directory that the environment names or the usual one.
-
-    Returns
-    -------
-    str
-        Its path; where that cannot be written, a directory for temporary files of this user only.
-    """
+    """Return the named or usual directory; where that cannot be written, a temporary one of this user only."""
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
     usual = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle")
@@ -107,22 +104,13 @@ def cache_directory() -> Path:
 
 @cache
 def can_be_kept() -> bool:
-    """Return whether the cache can be written; warn if it cannot.
-
-    Returns
-    -------
-    bool
-        False means that numba would take a directory beside the sources, where code can be stale.
-    """
+    """Return whether the cache can be written; warn if not: numba's own, beside the sources, could be stale."""
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=cache_directory()).close()
     except OSError as error:
-        log.warning(
-            "kernels cannot be kept, and every process compiles them (%s): let RATTLE_CACHE_DIR name a directory "
-            "that can be written",
-            error,
-        )
+        advice = "let RATTLE_CACHE_DIR name a directory that can be written"
+        log.warning("kernels cannot be kept, and every process compiles them (%s): %s", error, advice)
         return False
     return True
 
@@ -139,20 +127,25 @@ class Inline:
     """A function that is compiled into its callers; from Python it is the plain function.
 
     It borrows the arrays that it is given: it neither makes nor returns any, and counts no references to them. In a
-    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds.
+    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds. Numba's
+    dispatchers are made when first needed: a process that only loads kernels needs few.
     """
 
-    all: ClassVar[list["Inline"]] = []
+    options = _INLINE
+    compiled: ClassVar[list["Inline"]] = []
 
-    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any] = _INLINE) -> None:
+    def __init__(self, function: Callable[..., Any]) -> None:
         update_wrapper(self, function)
-        self.name = function.__name__
-        self.in_kernels, self._run = numba.njit(**options)(function), function
-        if options is _INLINE:
-            Inline.all.append(self)
+        self.name, self._run = function.__name__, function
+
+    @cached_property
+    def in_kernels(self) -> Any:
+        """Return numba's dispatcher for kernels that call this."""
+        Inline.compiled.append(self)
+        return numba.njit(**self.options)(self._run)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the compiled function."""
+        """Run the function."""
         return self._run(*arguments)
 
 
@@ -167,24 +160,29 @@ class Kernel(Inline):
     Kernels that call it have copies of their own: those of one name are alike, whichever of them a process loads first.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function, _CALLED)
-        config: Any = numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # read when a function is decorated
-        try:
-            self.entry = numba.njit(cache=can_be_kept(), **_ENTRY)(function)
-        finally:
-            config.CACHE_DIR = before
-        self._run = self._first
+    options = _CALLED
+    _entry: Any = None
 
-    def _first(self, *arguments: Any) -> Any:
-        """Call it when a process of its own has compiled it for such arguments."""
-        if self.__module__.startswith("rattle."):
+    @property
+    def entry(self) -> Any:
+        """Return numba's dispatcher for calls from Python."""
+        config: Any = numba.config
+        with _LOCK:
+            if self._entry is None:
+                before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # read when a function is decorated
+                try:
+                    self._entry = numba.njit(cache=can_be_kept(), **_ENTRY)(self._run)
+                finally:
+                    config.CACHE_DIR = before
+        return self._entry
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the compiled function; before its first run a process of its own compiles it for such arguments."""
+        if self._entry is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of the same may differ
-            compile_apart(__name__, "one", f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}")
-        self._run = self.entry
-        return self.entry(*arguments)
+            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:one")
+        return (self._entry or self.entry)(*arguments)
 
 
 def one(about: str) -> dict[str, Callable[[], Any]]:
@@ -193,15 +191,8 @@ def one(about: str) -> dict[str, Callable[[], Any]]:
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
 
 
-def kernel(function: Callable[..., Any]) -> Kernel:
-    """Compile a kernel on first call, and cache it on disk; other threads run meanwhile."""
-    return Kernel(function)
-
-
-def inline(function: Callable[..., Any]) -> Inline:
-    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises."""
-    return Inline(function)
-
+kernel = Kernel  #: compiles on first call, and caches on disk; other threads run meanwhile
+inline = Inline  #: compiles a small function into its callers: a loop over it stays straight, and LLVM vectorises it
 
 #: Functions that kernels find by the type of their last argument: for each, its implementation for every type.
 FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
@@ -233,41 +224,50 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
     return register
 
 
-def note_of(work: str, about: str) -> Path:
+def note_of(about: str, work: str) -> Path:
     """Return the file which says that the kernels for this work are in the cache."""
-    return cache_directory() / f"{work}-{about.split()[0]}.note"
+    return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
-def compile_apart(module: str, work: str, about: str) -> None:
-    """Compile the kernels for some work in a process of their own, unless that was done before.
+def compile_apart(about: str, *works: str) -> None:
+    """Compile the kernels for some works in one process of its own, unless that was done before.
 
     Numba's functions are weak symbols: a process that compiles takes copies of them which are optimised otherwise than
     those that it loads, and the last bits differ. So every process loads its kernels. One at a time compiles; others
-    wait for it.
+    wait for it. Works that are compiled together share their kernels' callees.
 
     Parameters
     ----------
-    module, work : str
-        A function and where it is; it returns steps by name, which compile what they need.
     about : str
-        What the function takes: a model; or a name, and more.
+        What the functions take: a model; or a name, and more.
+    *works : str
+        Functions, as ``module:name``; each returns steps by name, which compile what they need.
 
     Raises
     ------
     RattleError
         They cannot be compiled; the message says why.
     """
-    note = note_of(work, about)
-    if note.exists() or not sys.executable or not can_be_kept():
-        return
+    notes = [note_of(about, work) for work in works]
     if _HERE:  # this process compiles for others
-        _HERE.append(note)
-        return
-    with open(note.with_name("lock"), "w") as lock:
-        with suppress(OSError):  # without it, where files cannot be locked, kernels are compiled twice
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if not note.exists():
-            _compile(module, work, about)
+        _HERE.extend(notes)
+    elif sys.executable and not all(note.exists() for note in notes) and can_be_kept():
+        with open(cache_directory() / "lock", "w") as lock:
+            while not locks(lock) and not all(note.exists() for note in notes):
+                time.sleep(POLL_SECONDS)
+            if missing := [work for work, note in zip(works, notes, strict=True) if not note.exists()]:
+                _compile(about, *missing)
+
+
+def locks(file: IO[str]) -> bool:
+    """Lock a file, unless another process has; without locks on files, kernels are compiled twice."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def _compile(*work: str) -> None:
@@ -286,17 +286,20 @@ def _compile(*work: str) -> None:
         raise RattleError(f"kernels cannot be compiled: {''.join(said[-20:]).strip() or process.returncode}")
 
 
-def compile_here(module: str, work: str, about: str) -> None:
-    """Do the steps of this work in this process, which ends when the one that started it does."""
+def compile_here(about: str, *works: str) -> None:
+    """Do the steps of these works in this process, which ends when the one that started it does."""
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
-    _HERE.append(note_of(work, about))
-    steps = getattr(import_module(module), work)(about)
-    for number, (name, step) in enumerate(steps.items(), 1):
-        print(f"{STEP}{name}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
-        step()
-    require_borrowed()
-    for note in _HERE:
-        note.touch()
+    gc.set_threshold(100_000, 20, 20)  # the usual thresholds cost an eighth of the time
+    for work in works:
+        _HERE[:] = [note_of(about, work)]
+        module, _, name = work.partition(":")
+        steps = getattr(import_module(module), name)(about)
+        for number, (step, compile_step) in enumerate(steps.items(), 1):
+            print(f"{STEP}{step}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
+            compile_step()
+        require_borrowed()
+        for note in _HERE:
+            note.touch()
 
 
 def require_borrowed() -> None:
@@ -307,13 +310,7 @@ def require_borrowed() -> None:
     RattleError
         One that this process has compiled does.
     """
-    for each in Inline.all:
-        if any(_holds_array(signature.return_type) for signature in each.in_kernels.nopython_signatures):
+    for each in Inline.compiled:
+        returned = [str(signature.return_type) for signature in each.in_kernels.nopython_signatures]
+        if each.options is _INLINE and any(re.search(r"\barray\(", kind) for kind in returned):
             raise RattleError(f"{each.name} is inline and returns an array: make it a kernel")
-
-
-def _holds_array(kind: Any) -> bool:
-    if isinstance(kind, types.Optional):
-        return _holds_array(kind.type)
-    parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
-    return isinstance(kind, types.Array) or any(_holds_array(each) for each in parts)

@@ -43,7 +43,7 @@ import logging
 from rattle.numerics.compile import compile_apart
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-compile_apart("work", "held", "impacting")
+compile_apart("impacting", "work:held")
 print("there")
 """
 

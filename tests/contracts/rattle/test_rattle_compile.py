@@ -37,7 +37,7 @@ def perhaps(values: Any) -> Any:
 
 @pytest.mark.parametrize("function", [with_its_size, perhaps])
 def test_an_inline_function_that_returns_an_array_is_refused(function: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling.Inline, "all", [])
+    monkeypatch.setattr(compiling.Inline, "compiled", [])
     compiled = inline(function)
     compiling.require_borrowed()
     compiled.in_kernels.compile(NUMBERS)

@@ -3,6 +3,7 @@
 import asyncio
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from service_support import IN_A_THREAD, assert_problem, front_end, front_of, id
 from waiting import HANG, wait_until
 
 from gear_rattle.service.app import create_app
-from gear_rattle.service.kernels import WORKS, Kernels
+from gear_rattle.service.kernels import compile_kernels
 from gear_rattle.service.settings import Settings
 from rattle.models import Impacting, Stiff
 
@@ -25,24 +26,41 @@ POINTS = (
 )
 
 
+class Compilation:
+    """Compilations of a service that take until they are let go, and the models that they are of."""
+
+    def __init__(self) -> None:
+        self.models: list[str] = []
+        self._end: asyncio.Event | None = None
+
+    async def run_sync(self, function: Callable[[str], None], model: str, *, cancellable: bool) -> None:
+        """Wait in place of a process that compiles."""
+        assert function is compile_kernels
+        assert cancellable
+        self.models.append(model)
+        self._end = asyncio.Event()
+        await self._end.wait()
+
+    def let_go(self) -> None:
+        """End the compilation that began last; for the event loop of the service."""
+        assert self._end is not None
+        self._end.set()
+
+
 @pytest.fixture
 def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Return the missing file that would say that all kernels are compiled."""
-    monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
-    return tmp_path / f"answers-{Impacting.name}.note"
+    missing = tmp_path / "kernels.note"
+    monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda _model, _work: missing)
+    return missing
 
 
 @pytest.fixture
-def compiling(monkeypatch: pytest.MonkeyPatch, note: Path) -> list[Kernels]:  # noqa: ARG001 - nothing is compiled yet
-    """Kernels whose compilation never ends: those of every application that asks for them."""
-    begun: list[Kernels] = []
-
-    async def compile_for_ever(self: Kernels, _model: str) -> None:
-        begun.append(self)
-        await asyncio.Event().wait()
-
-    monkeypatch.setattr(Kernels, "_compile", compile_for_ever)
-    return begun
+def compiling(monkeypatch: pytest.MonkeyPatch, note: Path) -> Compilation:  # noqa: ARG001 - nothing is compiled yet
+    """Return a compilation that does not end by itself."""
+    compilation = Compilation()
+    monkeypatch.setattr("gear_rattle.service.kernels.to_process", compilation)
+    return compilation
 
 
 @pytest.mark.parametrize("path", POINTS)
@@ -54,58 +72,51 @@ def test_a_request_that_waits_too_long_for_kernels_says_so(tmp_path: Path, path:
     assert answer.headers["retry-after"]
 
 
-def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list[Kernels]) -> None:
+def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: Compilation) -> None:
     """A request waits for kernels, and computes for as long as the limit says from when they are there."""
     app = create_app(Settings(data=tmp_path, max_points=1, max_point_seconds=HANG), idle_cluster)
     with points_in(IN_A_THREAD), local_client(app) as client, ThreadPoolExecutor() as threads:
         asked = [threads.submit(client.get, path) for path in POINTS]
-        wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
+        wait_until(lambda: front_of(client).kernels.waiting == len(POINTS))
         health, ready = client.get("/v1/health").json(), client.get("/v1/ready")
-        kernels = front_of(client).kernels
-        client.portal.call(kernels._ready[Impacting.name].set)
+        client.portal.call(compiling.let_go)
         assert health["status"] == "warming"
         assert_problem(ready, 503, code="compiling_kernels")
         assert [each.result(HANG).status_code for each in asked] == [200] * len(POINTS)
 
 
-def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels]) -> None:
+def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: Compilation) -> None:
     limits = {"max_points_waiting": 1, "max_point_seconds": HANG}
     with front_end(tmp_path, points=IN_A_THREAD, **limits) as client, ThreadPoolExecutor() as threads:
         first = threads.submit(client.get, POINTS[0])
-        wait_until(lambda: compiling and compiling[0]._waiting)
+        wait_until(lambda: front_of(client).kernels.waiting)
         second = client.get(POINTS[1])
-        client.portal.call(front_of(client).kernels._ready[Impacting.name].set)
+        client.portal.call(compiling.let_go)
         assert_problem(second, 503, code="compiling_kernels")
         assert first.result(HANG).status_code == 200
 
 
-@pytest.mark.usefixtures("compiling")
-def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
+def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path, compiling: Compilation) -> None:
     with front_end(tmp_path, max_point_seconds=0.05) as client:
-        kernels = front_of(client).kernels
-        client.portal.call(kernels.begin)
-        assert Stiff.name not in kernels._ready
+        client.portal.call(front_of(client).kernels.begin)
+        wait_until(lambda: compiling.models)
+        assert compiling.models == [Impacting.name]
         assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, code="compiling_kernels")
-        assert Stiff.name in kernels._ready
+        assert compiling.models == [Impacting.name, Stiff.name]
 
 
-@pytest.mark.usefixtures("note")
-def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other tests check which kernels each work compiles."""
-    works: list[tuple[str, str, str]] = []
-
-    async def compiled(_compile: object, module: str, work: str, model: str, **_how: object) -> None:
-        works.append((module, work, model))
-
-    monkeypatch.setattr("gear_rattle.service.kernels.to_process.run_sync", compiled)
+def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, compiling: Compilation) -> None:
+    """Other tests check which kernels are compiled."""
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
         client.portal.call(front_of(client).kernels.begin)
+        wait_until(lambda: compiling.models)
+        client.portal.call(compiling.let_go)
         wait_until(lambda: client.get("/v1/ready").status_code == 200)
         assert client.get("/v1/ready").json() == {"status": "ready"}
         assert client.get("/v1/health").json()["status"] == "ok"
         front_of(client).manager.storage_state = "unavailable: full"
         assert_problem(client.get("/v1/ready"), 503, code="unavailable")
-    assert works == [(*work, Impacting.name) for work in WORKS]
+    assert compiling.models == [Impacting.name]
 
 
 @pytest.mark.usefixtures("compiling")
@@ -120,20 +131,19 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("note")
 def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests compile what they need then."""
-    monkeypatch.setattr("gear_rattle.service.kernels.compile_apart", die)
+    monkeypatch.setattr("gear_rattle.service.kernels.compile_kernels", die)
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
-        task = front_of(client).kernels._tasks[Impacting.name]
-        wait_until(task.done)
+        wait_until(lambda: front_of(client).kernels.has(Impacting.name))
 
 
 def test_what_another_process_has_compiled_is_not_waited_for(
-    tmp_path: Path, compiling: list[Kernels], note: Path
+    tmp_path: Path, compiling: Compilation, note: Path
 ) -> None:
     note.touch()
     with front_end(tmp_path, points=IN_A_THREAD, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
-        assert not compiling
+        assert not compiling.models
         assert not front_of(client).kernels.at_work
 
 
