@@ -3,6 +3,7 @@
 import ast
 import re
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,7 @@ def test_documents_use_the_terms_of_the_glossary(document: str) -> None:
 
 #: A docstring that begins so is an ellipsis: "Of an API key: …", "As `iterate`.", "Which cells …".
 ELLIPSES = ("Of", "What", "Whether", "Which", "As", "Where", "Who")
+SAME_FILE_NAME, FILE_NAMES_SHARED = 3, 9  # a name of more files than the first; the number of such names
 MOST_SHARED = 60  # names of functions in several modules: those of an interface that the modules share
 
 
@@ -116,6 +118,12 @@ def test_a_class_has_a_name_of_its_own_and_few_functions_share_one() -> None:
     shared = {key: paths for key, paths in places.items() if len(paths) > 1}
     assert not {key: paths for key, paths in shared.items() if key[0] is ast.ClassDef}
     assert len([name for kind, name in shared if kind is ast.FunctionDef and not name.startswith("_")]) <= MOST_SHARED
+
+
+def test_few_files_share_a_name() -> None:
+    names = Counter(Path(path).name for path in modules() if not path.endswith("__init__.py"))
+    shared = {name: count for name, count in names.items() if count > SAME_FILE_NAME}
+    assert len(shared) <= FILE_NAMES_SHARED, shared
 
 
 @pytest.mark.parametrize("path", sorted(DOCS.glob("decisions/0*.md")), ids=lambda path: path.stem)
