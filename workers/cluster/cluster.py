@@ -102,7 +102,7 @@ class RequireVersions(WorkerPlugin):
     versions : dict[str, str | None]
         Required versions by package; the version of Python is its first two numbers.
     module : str
-        Module that a worker must be able to import.
+        Name of this module, which a worker must be able to import.
     topic : str
         Topic of dask's events in which a refused worker is named.
     """
@@ -122,17 +122,18 @@ class RequireVersions(WorkerPlugin):
         import asyncio
         import platform
         from contextlib import suppress
-        from importlib import metadata
+        from importlib import import_module, metadata
         from importlib.util import find_spec
 
+        package = self.module.partition(".")[0]
         here: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
         for name in self.versions.keys() - here.keys():
             with suppress(metadata.PackageNotFoundError):
                 here[name] = metadata.version(name)
         differing = [name for name, version in self.versions.items() if here.get(name) != version]
         found = f"has {differing[0]} {here.get(differing[0]) or 'none'}" if differing else ""
-        if find_spec(self.module) is None:
-            differing, found = [next(iter(self.versions))], f"cannot import {self.module}"
+        if find_spec(package) is None:
+            differing, found = [next(iter(self.versions))], f"cannot import {package}"
         if differing:
             required = f"{differing[0]} {self.versions[differing[0]] or 'none'}"
             sentence = (
@@ -145,9 +146,7 @@ class RequireVersions(WorkerPlugin):
             self.closing = asyncio.create_task(worker.close(reason=sentence))
             await asyncio.sleep(0)  # closing has begun
             raise RuntimeError(sentence)  # dask writes it to the worker's log
-        from gear_rattle.workers.cluster.cluster import WarmKernels
-
-        await WarmKernels().setup(worker)
+        await import_module(self.module).WarmKernels().setup(worker)
 
 
 @contextmanager
@@ -346,7 +345,7 @@ def connect(url: str) -> Iterator[Client]:
         try:
             versions = require_compatible(client)
             client.subscribe_topic(REFUSED, lambda event: logger.warning("%s", event[1]))
-            client.register_plugin(RequireVersions(versions, MODULE, REFUSED))
+            client.register_plugin(RequireVersions(versions, __name__, REFUSED))
         except SurveyError:
             raise
         except Exception as error:
