@@ -102,7 +102,7 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
     versions : Mapping[str, str | None]
         Required versions by package; the version of Python is its first two numbers.
     module : str
-        Module that a worker must be able to import.
+        Name of this module, which a worker must be able to import.
     topic : str
         Topic of dask's events in which a refused worker is named.
 
@@ -120,17 +120,18 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
             import asyncio
             import platform
             from contextlib import suppress
-            from importlib import metadata
+            from importlib import import_module, metadata
             from importlib.util import find_spec
 
+            package = module.partition(".")[0]
             here: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
             for name in versions.keys() - here.keys():
                 with suppress(metadata.PackageNotFoundError):
                     here[name] = metadata.version(name)
             differing = [name for name, version in versions.items() if here.get(name) != version]
             found = f"has {differing[0]} {here.get(differing[0]) or 'none'}" if differing else ""
-            if find_spec(module) is None:
-                differing, found = [next(iter(versions))], f"cannot import {module}"
+            if find_spec(package) is None:
+                differing, found = [next(iter(versions))], f"cannot import {package}"
             if differing:
                 required = f"{differing[0]} {versions[differing[0]] or 'none'}"
                 sentence = (
@@ -143,9 +144,7 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # closing has begun
                 raise RuntimeError(sentence)  # dask writes it to the worker's log
-            from gear_rattle.workers.cluster.cluster import WarmKernels
-
-            await WarmKernels().setup(worker)
+            await import_module(module).WarmKernels().setup(worker)
 
     return VersionCheck()
 
@@ -349,7 +348,7 @@ def connect(url: str) -> Iterator[Client]:
         try:
             versions = require_compatible(client)
             client.subscribe_topic(REFUSED, lambda event: logger.warning("%s", event[1]))
-            client.register_plugin(version_check(versions, MODULE, REFUSED))
+            client.register_plugin(version_check(versions, __name__, REFUSED))
         except SurveyError:
             raise
         except Exception as error:
