@@ -64,7 +64,7 @@ class Explorer:
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         self._settings = settings
         self._front: Front | None = None
-        self._news: News | None = None
+        self.news: News | None = None
         self._overlaid: Overlaid | None = None
         self._shared: Shared | None = None
         self._loading: asyncio.Future[Pages] | None = None
@@ -85,8 +85,8 @@ class Explorer:
     async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
         """Tell the pages what happens, and forget those that were closed, for as long as the application runs."""
         self._front, self._overlaid = front, overlaid
-        self._news = News(front)
-        async with self._running, self._news.running():
+        self.news = News(front)
+        async with self._running, self.news.running():
             yield
 
     async def prepare(self) -> None:
@@ -123,11 +123,11 @@ class Explorer:
         from gear_rattle.service.explorer.places.exact import Exact
 
         assert self._front is not None
-        assert self._news is not None
+        assert self.news is not None
         assert self._overlaid is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         front = self._front
-        shared = self._shared = Shared(front, self._news, Atlas(front), self._overlaid, Exact(), self._looked)
+        shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, Exact(), self._looked)
         found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's

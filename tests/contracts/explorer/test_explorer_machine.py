@@ -1,6 +1,7 @@
 """The map of a machine's survey, and points that are entered, without a browser."""
 
 import re
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -20,6 +21,7 @@ from gear_rattle.service.explorer.design.tolerance import Tolerance, given_of, t
 from gear_rattle.service.explorer.map.overlays import pieces_of
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.point.state import stands_for
+from gear_rattle.service.explorer.point.work import Work
 from gear_rattle.service.explorer.state.store import window_of
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -44,17 +46,12 @@ ENTERED = Entered(**NUMBERS, eccentricity=20e-6, rpm=3000.0, stiffness=3e8)
 
 @pytest.fixture(autouse=True)
 def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is told of points is not waited for."""
+    """Parts of points are not computed."""
 
-    def told(*_: Any) -> None:
-        return None
+    def start(_work: Any, part: Coroutine[Any, Any, None], _instead_of: Any = None) -> None:
+        part.close()
 
-    monkeypatch.setattr("gear_rattle.service.explorer.point.view.PointView._say_what_is_computed", told)
-
-    async def nothing(_: Any) -> None:
-        return None
-
-    monkeypatch.setattr("gear_rattle.service.explorer.point.view.PointView._fill", nothing)
+    monkeypatch.setattr(Work, "start", start)
 
 
 def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
             (page,) = open_pages(client)
             socket.close(code)
             wait_until(lambda: page.connection_count == 0)
-        news = client.app.state.explorer._news
+        news = client.app.state.explorer.news
         if comes_back:
             client.portal.call(asyncio.sleep, 5e-3 * LOOK_MS)
             assert open_pages(client) == [page]
@@ -209,7 +209,7 @@ def test_who_runs_no_script_gets_no_page(tmp_path: Path) -> None:
         assert {each.status_code for each in answers} == {200}
         assert {each.text for each in answers} == {answers[0].text, ""}
         assert open_pages(client) == []
-        assert client.app.state.explorer._news._listeners == set()
+        assert client.app.state.explorer.news._listeners == set()
         assert "needs JavaScript" in answers[0].text
         assert client.get("/page").status_code == 200
 
@@ -296,7 +296,7 @@ def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
         wait_until(lambda: len(open_pages(client)) == 2)
         passed.set()
         wait_until(lambda: open_pages(client) == [])
-        wait_until(lambda: client.app.state.explorer._news._listeners == set())
+        wait_until(lambda: client.app.state.explorer.news._listeners == set())
 
 
 def test_what_a_page_imports_is_imported_in_one_thread_only(tmp_path: Path) -> None:
