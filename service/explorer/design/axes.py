@@ -99,8 +99,3 @@ def written(value: float, window: Pair) -> str:
     """Return a coordinate with the digits that tell points of this window apart on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"
-
-
-def in_revolutions(text: str) -> str:
-    """Return a text about a machine, whose forcing period is a revolution."""
-    return text.replace("forcing period", "revolution").replace("watched periods", "watched revolutions")

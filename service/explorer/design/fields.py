@@ -15,7 +15,6 @@ from rattle.machine import DRIVES
 from rattle.models import Model
 
 DIGITS = 12  # of a number that was converted and back
-EXACT = None  # the format of fields: browsers then write the fewest digits that tell a number apart, 3.36 as 3.36
 
 
 class NumberEntry(NamedTuple):
@@ -145,7 +144,7 @@ class MachineFields:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
         self._numbers = {
             name: pn.widgets.FloatInput(
-                label=each.label, value=each.first, start=0.0, format=EXACT, description=each.about or None, **style
+                label=each.label, value=each.first, start=0.0, description=each.about or None, **style
             )
             for name in names
             for each in (NUMBERS[name],)

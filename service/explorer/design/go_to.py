@@ -11,7 +11,7 @@ import panel as pn
 from gear_rattle.service.explorer.common.address import Entered
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import Watch, on_press
-from gear_rattle.service.explorer.design.fields import EXACT, POINT, MachineFields
+from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.places import Bookmark, places
 from gear_rattle.service.explorer.state.events import PlaceChosen, PointClosed, PointOpened
 from gear_rattle.service.explorer.state.store import Store
@@ -75,8 +75,8 @@ class GoTo:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [self._sheet]}
         ways = {"damping δ, eccentricity ε": False, "a machine in SI units": True}
         self._in_si = pn.widgets.Select(label="Enter as", options=ways, **style)
-        self._delta = pn.widgets.FloatInput(label="δ", value=0.6, start=0.0, format=EXACT, **style)
-        self._epsilon = pn.widgets.FloatInput(label="ε", value=0.1, start=0.0, format=EXACT, **style)
+        self._delta = pn.widgets.FloatInput(label="δ", value=0.6, start=0.0, **style)
+        self._epsilon = pn.widgets.FloatInput(label="ε", value=0.1, start=0.0, **style)
         plain = pn.Row(self._delta, self._epsilon, sizing_mode="stretch_width")
         self._machine = MachineFields(POINT, self._sheet)
         self._machine.panel.visible = False

@@ -12,11 +12,12 @@ import xarray as xr
 
 import rattle
 from gear_rattle.service.explorer.common.address import Ranges
-from gear_rattle.service.explorer.design.axes import in_revolutions, written
+from gear_rattle.service.explorer.design.axes import written
 from gear_rattle.service.explorer.design.fields import NUMBERS, in_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_in
 from gear_rattle.workers import QUANTITIES
+from gear_rattle.workers.pictures.look import in_revolutions
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine

@@ -17,7 +17,6 @@ from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.heading import Heading
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.design.axes import in_revolutions
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
 from gear_rattle.service.explorer.map.cursor import Keys
@@ -31,7 +30,7 @@ from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import marks_of
 from gear_rattle.service.explorer.state.events import MapDrawn, MapOffered
 from gear_rattle.service.explorer.state.store import JOBS, Store
-from gear_rattle.workers.pictures.look import LARGEST
+from gear_rattle.workers.pictures.look import LARGEST, in_revolutions
 from rattle import RattleError
 
 BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"

@@ -15,7 +15,6 @@ from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.design.fields import EXACT
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
 from gear_rattle.service.harmonics import EXAMPLE, SHAPE, read_harmonics, written_harmonics
@@ -52,7 +51,7 @@ class Form:
         self._estimating: asyncio.Task[None] | None = None
         row: dict[str, Any] = {"sizing_mode": "stretch_width"}
         style: dict[str, Any] = row | {"margin": (3, 4), "stylesheets": [sheet]}
-        exact: dict[str, Any] = style | {"step": 0.05, "format": EXACT}
+        exact: dict[str, Any] = style | {"step": 0.05}
         self.plane = pn.widgets.Select(
             label="Plane", options=PLANES, **style,
             description="The part of the plane of damping and eccentricity that is mapped, or a machine's speeds.",

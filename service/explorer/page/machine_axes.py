@@ -8,7 +8,7 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields, spans_of
+from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, spans_of
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
 LEAST_DELTA = 0.1  # of the upper end
@@ -23,7 +23,7 @@ class MachineAxes:
         self._machine = MachineFields(PAIR, sheet)
         self._axes = {
             name: [
-                pn.widgets.FloatInput(label=f"{NUMBERS[name].unit} {end}", value=value, format=EXACT, **style)
+                pn.widgets.FloatInput(label=f"{NUMBERS[name].unit} {end}", value=value, **style)
                 for end, value in zip(("from", "to"), span, strict=True)
             ]
             for name, span in FIRST.items()

@@ -14,7 +14,6 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import Watch, on_press
-from gear_rattle.service.explorer.design.fields import EXACT
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
@@ -188,7 +187,7 @@ class PointPanel:
     def rpm(self) -> pn.widgets.FloatInput:
         """How fast what is heard turns."""
         style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._sheets}
-        return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, format=EXACT, **style)
+        return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, **style)
 
     @cached_property
     def _play(self) -> pn.widgets.Button:
