@@ -51,7 +51,7 @@ def try_out(protection: Protection, copy: Path) -> bool:
     try:
         for edit in protection.edits:
             edit.apply(copy)
-        told = _run([protection.test], copy)
+        told = _run([protection.test], copy, "-x")
     finally:
         for file, text in whole.items():
             (copy / file).write_text(text)
@@ -64,9 +64,9 @@ def try_out(protection: Protection, copy: Path) -> bool:
     return failed
 
 
-def _run(tests: Iterable[str], copy: Path) -> subprocess.CompletedProcess[str]:
+def _run(tests: Iterable[str], copy: Path, *more: str) -> subprocess.CompletedProcess[str]:
     # Without percentages: "E   [100%]", an error of a fixture, would be taken for a line of its traceback.
-    options = ["-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider", "-o", "console_output_style=classic"]
+    options = [*more, "-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider", "-o", "console_output_style=classic"]
     command = [sys.executable, "-m", "pytest", *options, *tests]
     return subprocess.run(command, cwd=copy, env=_environment(copy), capture_output=True, text=True)
 
