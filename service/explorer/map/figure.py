@@ -191,6 +191,7 @@ class MapFigure:
             self._window = window
             self._axes.window(*window)
         self._hide_what_is_too_large(window[0])
+        self._place_names()
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
         self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
