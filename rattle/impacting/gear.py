@@ -115,7 +115,10 @@ class Gear(Sampled, Rattling):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1, where A and C are born at this damping (paper 4.1); or None (`rattle.sn1`)."""
+        """Eccentricity of SN1, where A and C are born at this damping (paper 4.1).
+
+        It is None if A and C are not born at SN1 (`rattle.sn1`).
+        """
         return _number_or_none(sn1(self.delta, self.beta))
 
     @property
@@ -287,16 +290,19 @@ class Gear(Sampled, Rattling):
         BoundaryDistance
             (v, tau, undecided), dimensionless, τ in forcing periods. v is inf if every state found becomes quiet again,
             and 0 from the quiet limit on. v is NaN if all states that do not become quiet are undecided, or if becoming
-            quiet takes more than 2048 impacts (below δ = 0.3 more, in proportion to 1/δ). This happens within a few per
-            cent of the quiet limit (docs/weak-damping.md). tau is the phase of the impact. undecided is the least speed
-            of an undecided state, inf if there is none; undecided states do not count as states of another basin.
+            quiet takes more than 2048 impacts (below δ = 0.3 more, in proportion to 1/δ). The latter happens within a
+            few per cent of the quiet limit (docs/weak-damping.md). tau is the phase of the impact. undecided is the
+            least speed of an undecided state, inf if there is none; undecided states do not count as states of another
+            basin.
 
         Raises
         ------
         ParameterError
             If an argument is outside its domain.
 
-        Notes ----- The speed is an upper bound, because a state with this speed does leave quiet motion. At a smooth
+        Notes
+        -----
+        The speed is an upper bound, because a state with this speed does leave quiet motion. At a smooth
         boundary it is exact to 1e-5. For thin or fractal basins it was compared with the least speed on a grid of 1000
         phases and 15 speeds per octave, at 56 points with β from 0.3 to 1.2: it exceeded the least speed on the grid by
         at most 4 % at 55 points, and by 38 % at one point, where one state in 3000 leaves quiet motion. A basin with

@@ -82,9 +82,9 @@ def add_impact(row, s, wall, speed, duration, impulse):
 def summed(tau, v, returns, periods, most, point, sums):
     """Follow the motion that leaves Σ⁺ at (τ, v) until it reaches one of three limits, and sum its impacts.
 
-    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. Row j of
-    the sums (batches, COLUMNS), zero at the start, collects the impacts of the j-th of equal parts of the forcing
-    periods; its last column is the largest speed, not a sum.
+    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. Row j of the
+    sums (batches, COLUMNS), zero at the start, collects the impacts of the j-th of equal parts of the forcing periods;
+    its last column is the largest speed, not a sum.
 
     Returns
     -------

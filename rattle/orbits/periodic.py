@@ -84,7 +84,7 @@ Itinerary = TypeVar("Itinerary", bound=Equations)
 
 
 def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
-    """Return x (N,), the unknowns and all that follows, for the same motion begun with impact number `first`."""
+    """Return x (N,), the unknowns and numbers after them, for the same motion begun with impact number `first`."""
     each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
     turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
     turned[0, len(itinerary.walls) - first :] += itinerary.m
@@ -109,7 +109,7 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
 
 
 def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
-    """Return the motion x (n + 2,) with its least period; if this is shorter, its times are solved for again."""
+    """Return the motion x (n + 2,) with its least period; if it is shorter than m, the times are solved for again."""
     impacts = len(itinerary.walls)
     for parts in range(math.gcd(impacts, itinerary.m), 1, -1):
         shift, odd = divmod(impacts, parts)
@@ -148,7 +148,7 @@ class Periodic(ABC):
         Both Floquet multipliers over m forcing periods, the larger modulus first. Their product is e^(−δm) if impacts
         are elastic. At a graze of the impacting model they are infinite and 0.
     admissible : bool
-        Whether the motion is admissible; a motion that is not is virtual.
+        True if the motion is admissible, False if it is virtual.
     """
 
     delta: float

@@ -110,7 +110,7 @@ def holds(b, work, lane, i, centres):
 
 @inline
 def largest_held(b, work, group, i, level, few, centres):
-    """Return the halvings of the largest tried radius at which no direction failed; if all failed, of the next one."""
+    """Return the halvings of the largest tried radius without a failure; if all failed, of the next smaller radius."""
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True

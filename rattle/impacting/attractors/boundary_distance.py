@@ -4,7 +4,7 @@ Quiet motion is the line v = 0 of all phases τ, so the distance is the least v 
 It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states over the plane
 and over the strip of small speeds. Then preimages of the basins that this set found are computed, because all preimages
 of a basin belong to the basin, however thin they are. Further sets of states cover the strip below the least speed so
-far. At last a pattern search starts from the slowest states found. Every state that counts was itself followed to its
+far. Finally a pattern search starts from the slowest states found. Every state that counts was itself followed to its
 attractor. "Low" means slow, because v is the height in the (τ, v) plane.
 """
 
@@ -48,11 +48,11 @@ SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # least and largest limit of the impacts of a state of the steps after the first, at strong damping
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# A state may make this many times the impacts that the slowest state of the first set needed to reach a periodic orbit
-# (in chaotic cells: a periodic orbit or quiet motion).
+# A state may make this many times the most impacts that any state of the first set needed to reach a periodic orbit (in
+# chaotic cells: a periodic orbit or quiet motion).
 PATIENCE = 2
-LASTING = 8  # the lowest states that seem chaotic are at last followed for this many times as many impacts
-LOWEST = 1e-6 / 7.0  # lower edge of the strip, in natural speeds, where the capture speed is smaller
+LASTING = 8  # the lowest states that seem chaotic are finally followed for this many times as many impacts
+LOWEST = 1e-6 / 7.0  # least lower edge of the strip, in natural speeds; it is used if the capture speed is smaller
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class BoundaryDistance(NamedTuple):
 
 
 class _Cells:
-    """The cells (n,) that have quiet motion, the classifier of their states, and the lowest states that leave it.
+    """The cells (n,) that have quiet motion, their classifier, and the lowest states that leave quiet motion.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class _Cells:
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def sample(self) -> None:
-        """Keep the lowest states of the first set that reach an attractor other than quiet, and their preimages."""
+        """Keep the lowest states of the first set that leave quiet motion, and the lowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)

@@ -56,7 +56,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,) counts flights whose first impact the scan found, and the search."""
+        """Prepare the classifier. `paths` (2,): numbers of flights that the scan and the search located."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -125,7 +125,7 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """Return the attractors of all cells at once; delta, epsilon and beta broadcast, in C order.
+    """Return the attractors of many cells, numbered in C order; delta, epsilon and beta broadcast.
 
     The attractors of a cell equal those of `Gear.attractors` to the last bit, whatever the other cells are.
 

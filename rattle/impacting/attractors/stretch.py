@@ -35,8 +35,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
     """Follow motions (n,) of these cells for `looks` (n,) checks, CHUNK flights each, and sum over their impacts.
 
     `sums` (n, BATCHES, COLUMNS), zero at the start, collects the impacts of BATCHES equal parts of the checks. The sums
-    of a motion that becomes quiet are NaN.
-    `lanes` (4, LANES) is scratch memory.
+    of a motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch memory.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0

@@ -1,15 +1,14 @@
 """Codimension-two points, where bifurcation curves of the period-one motions meet, and the order of their contact.
 
 All these points lie on one smooth grazing curve. On its part G1 the motion C grazes, and on its part G2 the motion A.
-Let T be the sum of the multipliers of the grazing motion without the impact on Σ⁻, E = e^(−δ), and M = (det J(1) +
-det J(−1))/2 for the motion with both impacts (`rattle.impacting.orbits.equations`). Along the grazing curve the points
-are
+Let T be the sum of the multipliers of the grazing motion without the impact on Σ⁻, E = e^(−δ), and M = (det J(1) + det
+J(−1))/2 for the motion with both impacts (`rattle.impacting.orbits.equations`). Along the grazing curve the points are
 
     COD20: T = −1 − E        COD21: T = 2 e^(−δ/2)        COD23: M = 0        COD22: T = 1 + E (τ = 3/4).
 
-Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. Their saddle-node
-has the trace 1 + E and their flip the trace −1 − E. Both therefore reach the graze where M vanishes, at COD23. In the
-paper these curves end at COD21, where the multipliers become real; COD21 and COD23 differ (docs/paper.md).
+Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. Their saddle-node has the
+trace 1 + E and their flip the trace −1 − E. Both therefore reach the graze where M vanishes, at COD23. In the paper
+these curves end at COD21, where the multipliers become real; COD21 and COD23 differ (docs/paper.md).
 """
 
 import math
@@ -114,7 +113,7 @@ class CodimensionTwo:
 
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
-    """Return the codimension-two points COD20, COD21, COD23 and COD22 at a half-backlash; δ rises so at β = 0.6.
+    """Return the codimension-two points COD20, COD21, COD23 and COD22 (by rising δ at β = 0.6) of a half-backlash.
 
     Positions are accurate to about 1e-12. Orders of contact come from a fit over three decades of distance. COD21 and
     COD22 are in the paper (section 5.2), COD20 and COD23 are not.

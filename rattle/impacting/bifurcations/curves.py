@@ -154,7 +154,7 @@ def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
 
 
 def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
-    """Return phase, speed and multipliers of the motion at x; at a graze, multipliers of the motion without it."""
+    """Return phase, speed and multipliers of the motion at x; at a graze, multipliers without the grazing impact."""
     tau = float(x[0] - np.floor(x[0]))
     return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 

@@ -13,7 +13,7 @@ from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formul
 from rattle.numerics.complex_step import Array
 
 FINER, FINEST = 33, 12  # members of each refinement between the two neighbours of a zero; most refinements
-CLOSE = 0.02  # difference of these neighbours, in times and relative in ε, that needs no further refinement
+CLOSE = 0.02  # difference of the neighbours of a zero, in times and relative in ε, that needs no further refinement
 
 
 class StartFamily(NamedTuple):

@@ -102,7 +102,7 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
-    """Return the returns until W(s) meets Σ⁻, and the returns from there to each approach to the series of W^s(A)."""
+    """Return the number of returns until W(s) meets Σ⁻, and from there to each approach to the series of W^s(A)."""
     here = frame(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):

@@ -25,8 +25,8 @@ FINEST = 1e-4  # least spacing
 class GammaPiece(NamedTuple):
     """One piece of Γ: points (n,) (τ, v) on Σ⁺ in order of the time of touch, and that time in forcing periods.
 
-    τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. `closed` is True if the last point is
-    the first point one forcing period later.
+    τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. `closed` is True if the last point is the
+    first point one forcing period later.
     """
 
     tau: NDArray[np.float64]

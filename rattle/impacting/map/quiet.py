@@ -95,8 +95,8 @@ def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
     """Estimate the impacts until quiet motion is certain, for flat arrays; inf from the quiet limit on.
 
-    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts down to
-    the capture speed v_c. Where the limit on v³/g is smaller, v_c is smaller and the number of impacts larger.
+    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts down to the
+    capture speed v_c. Where the limit on v³/g is smaller, v_c is smaller and the number of impacts larger.
 
     Returns
     -------

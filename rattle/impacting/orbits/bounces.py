@@ -18,7 +18,7 @@ ONE_BY_ONE = 6  # every n up to this number is tried, because the flips of small
 STRONG = 1.6  # damping above which saddle-nodes are not in the order of n, and nodes are stable above the quiet limit
 # above STRONG: largest n that is tried, and least ε of stable nodes, in quiet limits
 MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85
-WEAKEST = 0.02  # a smaller contact force, in units of the mean force, counts as this one in the rate of bounces
+WEAKEST = 0.02  # least contact force, in units of the mean force, in the rate of bounces; it replaces smaller forces
 NONE, STABLE, UNSTABLE = range(3)
 
 

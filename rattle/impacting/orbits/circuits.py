@@ -98,8 +98,8 @@ def turn_of_curve(work, n):
 def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
     """Keep the orbit at the sign change of R_0 between the distances lo and hi, if it is admissible and stable.
 
-    The search takes Newton steps along the curve, or halves the bracket if a step leaves it. At last Newton's method
-    solves all equations.
+    The search takes Newton steps along the curve, or halves the bracket if a step leaves the bracket. Finally Newton's
+    method solves all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
