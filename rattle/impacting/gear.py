@@ -67,7 +67,8 @@ class Gear(Sampled, Rattling):
 
     with elastic impacts; time is in forcing periods. A state (τ, v) is a departure from Σ⁺ (Φ = β) at phase τ ∈ [0, 1)
     with velocity −v. With a coefficient of restitution below 1, a load or harmonics the result is an `InelasticGear`.
-    It has the same methods except those that need closed forms: `rattle.Gear(0.6, 0.1, 0.6, restitution=0.9)`.
+    An inelastic gear has the same methods except those that need closed forms: `rattle.Gear(0.6, 0.1, 0.6,
+    restitution=0.9)`.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ class Gear(Sampled, Rattling):
         """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
-        other = import_module("rattle.inelastic.gear").InelasticGear  # imported late: that package builds on this one
+        other = import_module("rattle.inelastic.gear").InelasticGear  # imported here: that package imports this one
         return other(*point, **named, restitution=restitution, load=load, harmonics=harmonics)
 
     def __init__(
@@ -275,7 +276,7 @@ class Gear(Sampled, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of `orbits` as a saddle with manifolds. Raises RattleError if it is not a saddle."""
+        """Return an orbit of `orbits` as a motion from which manifolds start. Raises RattleError if it is missing."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:

@@ -76,7 +76,7 @@ class Equations(ABC):
         return self.with_walls(self.walls * 2, 2 * self.m)
 
     def divided(self, parts: int) -> Self:
-        """Return the itinerary whose `parts`-fold repetition is this one."""
+        """Return the itinerary whose `parts`-fold repetition is this itinerary."""
         return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 

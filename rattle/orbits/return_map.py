@@ -1,8 +1,8 @@
 """Powers of a return map with their tangent map, and the periodic orbits that Newton's method finds (compiled).
 
 The type of a parameter point selects the model: by this type every kernel finds the following functions
-(`rattle.numerics.compile.for_type`). Each gear provides all of them for its point and its cells, except that the
-inelastic gear has no inverse map:
+(`rattle.numerics.compile.for_type`). Each gear provides all these functions for its point and its cells, except that
+the inelastic gear has no inverse map:
 
 =============  =================  ===========================  ======================  ========================
 function       declared in        impacting (Point, Cells)     stiff (StiffPoint, …)   inelastic (InelasticPoint, …)

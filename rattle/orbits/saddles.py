@@ -23,7 +23,7 @@ from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series, and points at which its residual is evaluated
-LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of the series in s to try
+LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of the series that is tried
 # tolerances of F(W(s)) − W(λs): relative to the size of the series; and its least value relative to v, for Π and for
 # Π⁻¹
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)

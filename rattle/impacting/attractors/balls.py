@@ -67,7 +67,7 @@ def depart(b, work, group, i, level, few, centres):
 
 @inline
 def fly(memory, work, groups, force, paths):
-    """Fly one flight on every lane, with its tangent."""
+    """Advance the state on every lane by one flight, and multiply its tangent matrix by that of the flight."""
     b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0

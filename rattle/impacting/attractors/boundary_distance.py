@@ -68,7 +68,7 @@ class BoundaryDistance(NamedTuple):
         takes more impacts than the limit, as happens within a few per cent of the quiet limit (in a wider range at weak
         damping). There no sample can distinguish quiet motion from chaos.
     tau
-        The phase of the impact; NaN unless v is positive and finite.
+        The phase of the impact; NaN if v is 0, inf or NaN.
     undecided
         The least speed of an undecided state, inf if there is none. If it is below v, the true distance may be below v.
     """
@@ -100,7 +100,7 @@ class _Cells:
             capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max
         )  # slower states become quiet
         self.v_max, self.ceiling = v_max, CEILING * usual
-        self.longer = longest_rest(delta) / LONGEST_REST  # factor relative to strong damping
+        self.longer = longest_rest(delta) / LONGEST_REST  # factor on limits of impacts, compared with strong damping
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
         self.sampled = self.strip_and_plane(n)

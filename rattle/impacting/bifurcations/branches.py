@@ -75,13 +75,13 @@ class Branch(FollowedBranch):
     def names(self) -> tuple[str, ...]:
         """A, B, C or D for each point of a period-one branch, "" for the points of other branches.
 
-        A and B are the saddles with a multiplier above 1. At saddle-nodes they become C and D.
+        A and B are the saddles with a multiplier above 1. At a saddle-node A turns into C, and B into D.
         """
         pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
         if pair is None:
             return ("",) * len(self)
         index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
-        # the index vanishes at saddle-nodes and stays finite at grazes
+        # det J(1) vanishes at saddle-nodes and stays finite at grazes
         return tuple(pair[int(above)] for above in index > 0.0)
 
     def curve_of(self, event: Event) -> str | None:
@@ -103,12 +103,12 @@ def branch(
     Parameters
     ----------
     orbit : PeriodicOrbit | Orbit
-        One of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
+        The periodic motion, from `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
     parameter : "epsilon", "delta" or (dδ, dε)
         The parameter to change, or a direction in the plane.
     span : tuple[float, float], optional
-        (low, high) of the parameter, by default ± 0.02 (in proportion less below δ = 0.25). With a direction, the range
-        of its multiples, by default −1 to 1.
+        (low, high) of the parameter, by default 0.02 on either side of the orbit (below δ = 0.25 less, in proportion to
+        δ). If `parameter` is a direction, the span is the range of its multiples, by default −1 to 1.
     resolution : int
         Least number of points over the span.
 
@@ -169,7 +169,7 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
     Returns
     -------
     tuple[Branch, Branch]
-        The branch of motions that miss the wall, and that of motions that touch it.
+        The branch of motions that miss the wall, and the branch of motions that touch the wall.
 
     Raises
     ------

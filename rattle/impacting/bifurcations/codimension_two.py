@@ -152,7 +152,7 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
         raise RattleError(f"double precision does not resolve {name} at beta = {beta}")
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
-    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where 2πδ just crosses the gap
+    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where speed 2πδ just crosses the gap
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
     if not falls.size:

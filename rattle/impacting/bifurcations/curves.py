@@ -160,7 +160,7 @@ def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -
 
 
 def _named(name: str, x: Array, reason: str, beta: float) -> str:
-    """Prefix the reason why a curve ends with the codimension-two point at which it ends, if any."""
+    """Return the reason why a curve ends, after the name of the codimension-two point at which it ends, if any."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)

@@ -94,7 +94,7 @@ class Event:
 
     @property
     def multipliers(self) -> NDArray[np.complex128]:
-        """Return both multipliers (2,); at a graze those of the motion that misses the wall."""
+        """Return both multipliers (2,); at a graze, the multipliers of the motion that misses the wall."""
         return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
 
 
@@ -108,7 +108,7 @@ def find_events(
     Yields
     ------
     Event
-        An event.
+        The next event.
     """
     tests = _tests(itinerary, line, problem)
     values = _values(itinerary, line, points, tangents)
@@ -119,7 +119,7 @@ def find_events(
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), FOUND)
-            if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step between them converges
+            if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step from a to b converges
                 y = 0.5 * (a + b)
             if y is not None:
                 found.append(Candidate(y, kind, itinerary, line.plane(y), impact))

@@ -52,7 +52,7 @@ def members(sigma: Array, delta: float, beta: float) -> StartFamily:
 
 @lru_cache(maxsize=256)
 def two_impacts(delta: float, beta: float) -> StartFamily:
-    """Return the family of B and D beyond its pole at σ = 0, at the nodes of `closed_form`."""
+    """Return the members of the family of B and D with σ > 0, at the nodes of `closed_form`."""
     sigma, epsilon = closed_form.nodes(delta, beta)
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 

@@ -194,7 +194,7 @@ def solve_delta(
 
 def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
     """Return a root of m near x. The interval x ± half moves and grows until it holds one, by at most `most` · x."""
-    from scipy.optimize import brentq  # a quarter of a second to load
+    from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     low, high = x - half, x + half
     at_low, at_high = m(low), m(high)

@@ -78,7 +78,7 @@ def in_delta(known: list[Crisis], delta: float) -> Crisis:
 
 
 def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """Return the contact at ε = SN1 + gap that continues the known ones. Near COD22, δ − δ(COD22) scales with √gap."""
+    """Return the contact at SN1 + gap that continues the known contacts. Near COD22, δ − δ(COD22) scales with √gap."""
     last = known[-1]
     root = np.sqrt([point.gap for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
@@ -152,8 +152,8 @@ def crisis_curve(
 ) -> CrisisCurve:
     """Return the curve of boundary crises from δ = low (default: as far as it exists) to δ = high (default: COD22).
 
-    Points are at most `resolution` apart in δ. Near COD22 they proceed by steps of ε − SN1, to 1e-5 of SN1. ε is as
-    accurate as that of `boundary_crisis`, which gives the first point.
+    Points are at most `resolution` apart in δ. Near COD22 the curve is followed in steps of ε − SN1, down to 1e-5 of
+    SN1. ε is as accurate as in `boundary_crisis`, which gives the first point.
 
     Returns
     -------

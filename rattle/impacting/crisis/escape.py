@@ -28,7 +28,7 @@ from rattle.orbits.saddles import Array
 from rattle.parameters import Parameters
 
 Flags = NDArray[np.bool_]
-NEAREST = 1e-7  # distance of the first samples from A in (τ, v)
+NEAREST = 1e-7  # distance in (τ, v) of the fundamental domain from A
 SAMPLES = 512  # number of samples of a fundamental domain
 # impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A), at strong damping: if it crosses at its
 # first return to A, and if it crosses at a later return

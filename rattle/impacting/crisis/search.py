@@ -1,4 +1,4 @@
-"""Find the boundary crisis at one damping: the ε where W^u(A) escapes, its contacts there, and whether chaos ends.
+"""Find the boundary crisis at one damping: the ε from which W^u(A) escapes, the contact there, and whether chaos ends.
 
 W^u(A) escapes if a part of it becomes quiet.
 """
@@ -110,7 +110,7 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            met = max(j - 1, 0)  # the other side of a corner meets Σ⁻ one step earlier
+            met = max(j - 1, 0)  # at a corner, orbits on the other side meet Σ⁻ one step earlier
         height = float(here.heights(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
         before, inside = inside, abs(height) < NEAR * farthest
@@ -139,7 +139,7 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
-    """Return the contact with the least ε, among the returns to A of the orbit in the middle of a run."""
+    """Return the contact with the least ε of the contacts at all returns to A of the orbit in the middle of a run."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(

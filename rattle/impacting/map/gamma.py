@@ -1,7 +1,8 @@
 """The grazing curve Γ in the (τ, v) plane: states whose flight just touches Σ⁻ (paper, section 3; compiled).
 
-The time of the touch determines its state, because there Φ = −β and Φ' = 0. So Γ is parametrised by the time of touch,
-and each point is one flight backwards in time. Γ breaks where that flight itself grazes a wall.
+The time of the touch determines the state at the touch, because Φ = −β and Φ' = 0 there. So Γ is parametrised by the
+time of touch, and each point of Γ is found by one flight backwards in time. Γ breaks where this flight itself grazes a
+wall.
 """
 
 from typing import NamedTuple
@@ -71,7 +72,7 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
 
 @kernel
 def before_touch(touch, delta, epsilon, beta, tau, v):
-    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 where there is none.
+    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 if there is none.
 
     A touch from inside the gap needs a contact force that points from Σ⁻ into the gap. Backwards in time the motion
     leaves Σ⁻ at the touch, and the state on Σ⁺ is its first impact. τ is not folded, so that it changes continuously

@@ -26,7 +26,7 @@ from rattle.flight.lanes.stages import advance
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, checked
 
-# flights between two checks of the lanes; divides the round numbers of impacts that users choose
+# flights between two checks of the lanes; a divisor of the round numbers of impacts that users choose
 FLIGHTS = np.int64(20)
 
 

@@ -27,7 +27,7 @@ LOST, WOUND, CLOSED = range(3)  # ends of a walk: too long or too fine, a whole 
 
 @kernel
 def enter_orbit(n_plus, n_minus, tau, v, trace, work):
-    """Add an orbit to the found ones, unless it is one of them or their list is full."""
+    """Add an orbit to the list `work.found`, unless it is in the list already or the list is full."""
     n = work.n_found
     for j in range(n):
         label = work.found[j, 0] == n_plus and work.found[j, 1] == n_minus

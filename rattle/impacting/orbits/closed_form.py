@@ -50,7 +50,7 @@ def sine_offset_kernel(delta):
 def closure_residual(sigma, delta, beta):
     """Return the numerators of X, Y, v and u (speeds at Σ⁺ and Σ⁻), and their common denominator, at σ.
 
-    The impact on Σ⁻ follows the one on Σ⁺ after the time 1/2 + σ.
+    The impact on Σ⁻ follows the impact on Σ⁺ after the time 1/2 + σ.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def residual(kind, level, sigma, delta, beta):
 def solve_bracketed(kind, level, lo, hi, delta, beta):
     """Return the root of a residual that changes sign over (lo, hi), to adjacent doubles.
 
-    Secant steps are replaced by bisection when they stall.
+    kind and level are those of `residual`. A secant step that stalls is replaced by bisection.
 
     Returns
     -------
@@ -325,7 +325,7 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
 
 
 def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
-    """Return G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where it does not exist."""
+    """Return G1 (curve 0: C grazes) or G2 (1: A grazes) at flat arrays: (ε, τ, trace), NaN where it does not exist."""
     epsilon, phase, trace = np.full((3, delta.size), np.nan)
     fill_grazing(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace

@@ -6,8 +6,8 @@ For a flight from wall to wall the times t₀ and t₁ at its ends give its velo
 
     w₀ = 4π − 2πε sin 2πt₀ − C          w₁ = 4π − 2πε sin 2πt₁ − C e^(−δs).
 
-At an elastic impact the velocity of departure is minus that of arrival (`rattle.flight.impact_law`). A motion with n
-impacts in m periods therefore solves n equations in n times,
+At an elastic impact the velocity of departure is minus the velocity of arrival (`rattle.flight.impact_law`). A motion
+with n impacts in m periods therefore solves n equations in n times,
 
     R_i = w₀ of flight i + w₁ of flight i − 1 = 0,    t_n = t₀ + m.
 

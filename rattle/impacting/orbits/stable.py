@@ -72,7 +72,7 @@ def find_crossings(least, work, delta, epsilon, beta):
         # a motion of period 1/k without forcing and damping would cross the gap
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
-        if idle == 2:  # motions with more crossings are faster and dissipate more, so none follow
+        if idle == 2:  # motions with more crossings are faster and dissipate more, so no stable ones follow
             break
 
 
