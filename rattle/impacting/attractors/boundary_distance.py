@@ -30,11 +30,11 @@ from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
 SAMPLED, ROUNDS = 1024, 8  # number of states of one set over the strip or the plane; most further sets over the strip
-# number of states at the edges of all capture regions of a cell; fewest and most of them at one region
+# number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
 # largest number of impacts backwards from a state; speed, in natural speeds, above which no preimage is followed back
 PREIMAGES, CEILING = 64, 25.0 / 7.0
-# states of a cell whose preimages are computed; copies near each state if there are few states; their relative distance
+# states of a cell whose preimages are computed; copies near each state if states are few; relative distance of copies
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
 TRIED = 64  # lowest preimages of a cell that are followed to their attractors
 STARTS, APART = 4, 1.0 / 32.0  # pattern searches of a cell, and least phase difference between their first states

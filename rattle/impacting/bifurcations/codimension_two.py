@@ -33,7 +33,7 @@ Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """Return 1 + E − T."""
+    """Return 1 + E − T, with E and T as in the module."""
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 

@@ -1,8 +1,8 @@
 """The impact map Π on Σ⁺ (paper 3.16), its inverse and its tangent map (compiled).
 
 A state (τ, v) leaves Φ = β at phase τ with velocity −v, v > 0. Π follows the flights and impacts on Σ⁻ until the next
-impact on Σ⁺. With −δ, the negative drift −q and the phase −τ the same kernel computes the inverse map, because it
-reverses time.
+impact on Σ⁺. With −δ, the negative drift −q and the phase −τ the same kernel computes the inverse map, because these
+signs reverse time.
 """
 
 import math
