@@ -72,9 +72,9 @@ class ContinuationProblem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """Return the function that scales unknowns (N,) for a line of parameters, origin + p direction, with δ and ε first.
+    """Return the `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p direction.
 
-    The last unknown is p.
+    The last of the N unknowns is p; δ and ε are the first two parameters.
 
     Returns
     -------

@@ -56,8 +56,8 @@ class End:
 class CurvePiece(NamedTuple):
     """A connected piece of a curve.
 
-    points: unknowns (k, N), the last two of which are δ and ε. reasons: why the piece ends at its first and
-    at its last point.
+    points: unknowns (k, N), the last two of which are δ and ε. reasons: in words, why the
+    piece ends at its first and at its last point.
     """
 
     points: Array
@@ -81,8 +81,8 @@ class Curve(Tabular):
 
     delta, epsilon (n,): the points.
     tau, v (n,): phase in [0, 1) and speed after the impact on Σ⁺ of the motion that bifurcates.
-    multipliers (2, n): its Floquet multipliers; on a grazing curve, of the motion that just misses
-    the wall.
+    multipliers (2, n): the Floquet multipliers of this motion; on a grazing curve, of the motion that just misses the
+    wall.
     arclength (n,): the length along (δ, ε) from the start of the piece. piece (n,): the number of the connected piece.
     folds: the numbers of the points at which δ turns back. ends: both ends of each piece.
     All numbers are dimensionless; phases are in forcing periods.

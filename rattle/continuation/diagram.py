@@ -6,7 +6,7 @@ A diagram has branches, their events, and the attractors that forward and backwa
     known = the attractors of a sample at every step
     repeat at most ROUNDS times, while something new is found:
         sweep all known attractors forward and backward
-        search a branch near every periodic attractor, where it first appears and at every CHECKED-th step
+        search for a branch near every periodic attractor, where it first appears and at every CHECKED-th step
         add to the known attractors the stable parts of branches that no sweep has met: their basins may be small
 """
 

@@ -1,7 +1,7 @@
 """Search for all branches of periodic motions along a segment that are connected by flips and grazes, each once.
 
 The search follows the branch of each given motion. At a flip it goes on to the doubled branch; from a doubled branch it
-goes on to the branch on which this flip lies. At a graze it goes on to the branch of the motion with or without the
+goes on to the branch at whose flip it starts. At a graze it goes on to the branch of the motion with or without the
 grazing impact. A motion is on a known branch if it is a solution between two points of that branch.
 """
 

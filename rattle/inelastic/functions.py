@@ -1,4 +1,4 @@
-"""Functions that the package of every gear has for its plane but that this gear lacks. Each raises an error."""
+"""Functions that the package of every gear has for its plane; `diagram`, which this gear lacks, raises an error."""
 
 from __future__ import annotations
 

@@ -185,7 +185,7 @@ class InelasticGear(Sampled, Rattling):
         return trajectory(self._point, _phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the admissible period-one motions: A to D with one cosine; with harmonics P(1,1,0), each named "P"."""
+        """Return the admissible period-one motions: A to D, or with harmonics every P(1,1,0), named "P"."""
         at = self.delta, self.epsilon, self.beta
         added = {"restitution": self.restitution, "load": self.load}
         if self.harmonics:
@@ -204,7 +204,7 @@ class InelasticGear(Sampled, Rattling):
         return inelastic_orbit(self._point, _phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
-        """Raise RattleError: manifolds need an inverse map, which does not exist where contact forgets the state."""
+        """Raise RattleError: manifolds need the inverse map, which does not exist after contact phases."""
         raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting gear")
 
     def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
@@ -235,7 +235,7 @@ class InelasticGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
+    """Return a phase folded into [0, 1). Raises ParameterError unless it is a finite number."""
     return float(folded(require_finite("phase", phase)))
 
 

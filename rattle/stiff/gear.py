@@ -162,7 +162,7 @@ class StiffGear(Sampled, Rattling):
         return departure(*self._point, _phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast; see `rattle.stiff`. Raises ParameterError."""
+        """Return Π^n of arrays of states; tau, v and n broadcast: see `rattle.stiff.iterate`. Raises ParameterError."""
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
@@ -222,5 +222,5 @@ class StiffGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
+    """Return a phase folded into [0, 1). Raises ParameterError unless it is a finite number."""
     return float(law.folded(require_finite("phase", phase)))

@@ -93,7 +93,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0, because each impact decides for itself whether its chatter completes."""
+        """Return 0, because a bound for every single impact decides whether its chatter completes."""
         return 0.0
 
     @property
@@ -117,7 +117,7 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return for each cell whether its impacts are elastic; with losses, `judge` tests itself for lost samples."""
+        """Return True for cells with elastic impacts; in other cells `judge` tests for leaks itself and need not wait."""
         return ~self.is_lossy[cells]
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:

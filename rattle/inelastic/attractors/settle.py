@@ -3,8 +3,8 @@
 The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a contact phase does not
 depend on the motion before it: the first impact on Σ⁺ afterwards is one of a few states, identical to the last bit.
 The first sample that reaches such a state follows it until a state after contact returns. The motion is then periodic,
-however long its period. `ContactStates` keeps these states for the cell, so that every later sample that reaches one of
-them is resolved at once.
+however long its period. `ContactStates` keeps these states for the cell, so that every later sample that reaches a
+kept state is resolved at once.
 """
 
 import math

@@ -53,7 +53,7 @@ def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
 
 @lru_cache(maxsize=256)
 def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the members of the family whose speed at Σ⁻ is 0."""
+    """Return the motions of the family of B and D, at one damping, that arrive at Σ⁻ with speed 0."""
     return tuple(_zeros(lambda at: at.u, delta, beta, r))
 
 

@@ -49,7 +49,7 @@ def is_chatter_captured(wall, v, force, point):
 
 @kernel
 def quiet_invariant(delta, drift, beta, harmonics):
-    """Return the largest v³/g from which quiet motion is certain at r = 1; 0 if g is not positive at all phases."""
+    """Return the largest v³/g at which quiet motion is certain for r = 1; 0 if g is not positive at all phases."""
     highest = 0.0
     for j in range(harmonics.shape[1]):
         highest = max(highest, harmonics[ORDER, j])

@@ -21,10 +21,11 @@ from rattle.parameters import Parameters
 
 @kernel
 def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
-    """Replace each state of flat arrays by its image under Π^n; write 1 to `quiet` where contact never ends before.
+    """Replace each state of flat arrays by its image under Π^n.
 
-    A motion whose contact never ends keeps its last state and has n_plus < n. n_plus and n_minus count the impacts on
-    each wall; a completed chatter counts as in `impact_map`. `contacts` counts contact phases.
+    Where contact never ends after n_plus < n returns, the last state is kept, and `quiet` is set to 1. n_plus and
+    n_minus count the impacts on each wall; a completed chatter counts as in `impact_map`. `contacts` counts contact
+    phases.
     """
     for i in range(tau.size):
         point = point_at(cell[i], cells)

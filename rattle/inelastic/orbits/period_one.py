@@ -1,4 +1,4 @@
-"""Orbits A to D of the inelastic gear under one cosine, and their regions, for arrays of parameters."""
+"""Orbits A to D of the inelastic gear under forcing by one cosine, and regions, for arrays of parameters."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def _events(name: str, family: StiffFamily) -> list[Array]:
 
 
 def _flips(name: str, family: StiffFamily) -> list[Array]:
-    """Return the flips of a family that lie on a curve: flips of C if it is PDC, otherwise flips of D."""
+    """Return the flips of a family that lie on a curve: flips of C if `name` is PDC, otherwise flips of D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
@@ -201,7 +201,8 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
 def _is_greatest(y: Array, cycle: Cycle) -> bool:
     """Return whether ε has a maximum at a fold along its family.
 
-    ε has a maximum where −ψ R''φφ/ψR_ε < 0, with φ and ψ the right and left null vectors of ∂R/∂y.
+    ε has a maximum where −ψ R''φφ/ψR_ε < 0, with R the residuals of the equations, and φ and ψ the right and left null
+    vectors of ∂R/∂y.
 
     Returns
     -------

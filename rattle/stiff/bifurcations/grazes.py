@@ -19,7 +19,7 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import Failure, first_failure
 
 LIGHT = 1e-5  # duration, in units of p, below which a contact or a flight counts as vanished
-BEGUN = 0.04  # duration of a contact (σ/p) or flight (time/p²) that is started; C and B fold into each other at 2.1
+BEGUN = 0.04  # duration of a contact (σ/p) or flight (time/p²) that is started; the fold of C and B lies at 2.1
 # distances from a graze, in the unknowns, at which the motion without the contact is tried
 NEAREST = 10.0 ** np.arange(-9, -3)
 
@@ -52,7 +52,7 @@ def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
 
 
 def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
-    """Return the same motion with its first contact with Σ⁺ first in order; unchanged if it has no such contact."""
+    """Return the same motion, begun at its first contact with Σ⁺; unchanged if it has no contact with Σ⁺."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)

@@ -90,7 +90,7 @@ class MotionsOnLine:
         half, odd = divmod(len(self.walls), 2)
         if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
             return None
-        halves = y[:-1].reshape(2, 2, half).copy()  # of times and durations
+        halves = y[:-1].reshape(2, 2, half).copy()  # the two halves of the times and of the durations
         halves[0, 1] -= self.m // 2
         line = replace(self, walls=self.walls[:half], m=self.m // 2)
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))

@@ -16,10 +16,10 @@ from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
 @kernel
 def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
-    """Replace each state of flat arrays by its image under Π^n; write 1 to `quiet` where contact never ends before.
+    """Replace each state of flat arrays by its image under Π^n.
 
-    A motion whose contact never ends keeps its last state and has n_plus < n. n_plus and n_minus count the contacts
-    with each wall.
+    Where contact never ends after n_plus < n returns, the last state is kept, and `quiet` is set to 1. n_plus and
+    n_minus count the contacts with each wall.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])

@@ -72,7 +72,7 @@ def free_responses(duration, loss):
 
 @inline
 def sine_defect(z):
-    """Return z − sin z."""
+    """Return z − sin z without cancellation."""
     if abs(z) < SMALL:
         y = z * z
         return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))

@@ -35,7 +35,7 @@ MOST_SECANTS = 100
 
 @inline
 def eliminate(matrix, right):
-    """Solve matrix x = right by Gaussian elimination, with x in `right`; return the determinant's sign, 0 if 0."""
+    """Solve matrix x = right by Gaussian elimination, with x in `right`; return the determinant's sign, or 0."""
     n, sign = right.size, 1.0
     for k in range(n):
         best = k
@@ -158,7 +158,7 @@ def edge(y, cycle, largest):
 
 @kernel
 def family_solution_above_chord(a, b, share, cycle, y):
-    """Write the solution in the hyperplane normal to the chord from a to b at a share of it to y; return success."""
+    """Write to y the solution in the hyperplane normal to the chord from a to b, at a share of it; return success."""
     y[:] = a + share * (b - a)
     return corrected(y, b - a, cycle) > 0
 
@@ -174,7 +174,7 @@ def measured_unknown(y, index, level, chord, cycle, tangent):
 
 @kernel
 def located(a, b, index, level, cycle, y):
-    """Write the solution between a and b at which y[index] = level to y; for index −1, the fold at which ε turns back.
+    """Write to y the solution between a and b at which y[index] = level, or for index −1 the fold where ε turns back.
 
     The search makes secant steps along the chord, and halves its interval where these stall.
 
@@ -309,7 +309,7 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def place(points, solution, cycle):
-    """Return the number of the point (of k, 2c + 1) after which a family passes through a solution, or −1."""
+    """Return the number of the point of a family after which it passes through a solution, or −1."""
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
         if passes(solution, points[i], points[i + 1], cycle, y):
