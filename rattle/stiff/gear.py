@@ -205,7 +205,7 @@ class StiffGear(Sampled, Rattling):
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """Return the periodic motion of an orbit from `orbits`; if it is a saddle, it has manifolds."""
+        """Return the periodic motion of an orbit from `orbits`; a saddle has manifolds (`rattle.orbits.manifolds`)."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:

@@ -117,7 +117,7 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return True for cells with elastic impacts; in other cells `judge` tests for leaks itself and need not wait."""
+        """Return True for cells with elastic impacts; in the others `judge` need not wait, as it tests for leaks."""
         return ~self.is_lossy[cells]
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -85,7 +85,7 @@ def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | N
 
 
 def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion beyond the end y of a branch, which has one contact more; None if it is not found."""
+    """Return the motion with one contact more that continues a branch beyond its end y; None if it is not found."""
     for reach in NEAREST:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])

@@ -95,7 +95,7 @@ class StiffFamily:
     def breaks(self) -> list[Array]:
         """The admissible motions at ends where the family could not be continued.
 
-        If one of its folds could not be located, all admissible motions of the family.
+        If both ends are such, or a fold could not be located: all admissible motions of the family.
         """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
