@@ -180,7 +180,7 @@ class Parameters:
         return self._each(lambda x: np.repeat(x, count))
 
     def towards(self, other: Parameters, share: float) -> Parameters:
-        """Return the points at a share of the way to other points of the same model; share 1 returns the other points."""
+        """Return the points at a share of the way to other points of the same model; share 1 gives the other points."""
         if share == 1.0:
             return other
         mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
