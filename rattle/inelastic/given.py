@@ -30,7 +30,7 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     Raises
     ------
     ParameterError
-        If the argument is no such list; the message says what is allowed.
+        If the argument is not such a list; the message says what is allowed.
     """
     shape = "harmonics must be a list of (order, amplitude, phase), such as [(20, 0.0033, 0.0)]"
     try:
@@ -73,7 +73,7 @@ def inelastic_points(
     load: ArrayLike,
     harmonics: tuple[Harmonic, ...],
 ) -> Parameters:
-    """Return the parameters of points of inelastic gears, which broadcast. Raises ParameterError."""
+    """Return the checked parameters of inelastic gears, broadcast to one shape. Raises ParameterError."""
     return Parameters.of("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
         harmonics
     )
