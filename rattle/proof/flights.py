@@ -228,7 +228,7 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
 
 
 def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
-    """Return about the time at which Φ' changes sign, in doubles. The bound of `extremum` holds for any time."""
+    """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)
 

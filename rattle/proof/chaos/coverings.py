@@ -77,7 +77,7 @@ class HSet:
 
 @dataclass
 class Mapped:
-    """A set, and the images under Π of its parts; walls: those that its motions meet between two impacts on Σ⁺."""
+    """A set, and the images under Π of its parts; its motions meet `walls` between two impacts on Σ⁺."""
 
     plane: ModelPlane
     source: HSet
@@ -148,7 +148,7 @@ class Mapped:
 
 
 def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return ξ and η of an image in the target's coordinates, and the width that each side of the part adds to them."""
+    """Return ξ and η of an image in the target's coordinates, and how much each side of the part adds to ξ or η."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
     start, slope = target.coordinates * away, target.coordinates * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
@@ -156,7 +156,7 @@ def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether finer parts cannot help: the image is small already, or it is where it must not be."""
+    """Return whether cutting further cannot help: the image is small already, or it is where it must not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
