@@ -79,7 +79,7 @@ def have_same_label(i, k, orbits):
 
 @kernel
 def orbit_at_point(tau, v, cell, k, near, orbits):
-    """Return the number of the orbit in `cell` with the label of orbit k and fastest point (tau, v), or NOWHERE."""
+    """Return the number of the orbit in `cell` with orbit k's label and fastest point (tau, v ± near), or NOWHERE."""
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
@@ -233,7 +233,7 @@ def spread(done, n, columns, inside, cells, orbits):
 
 @kernel
 def lead(one, other, steps, way, orbits, arrives):
-    """Continue each orbit one[i] in small steps to the cell of orbit other[i]; write to arrives[i] if it ends there.
+    """Continue each orbit one[i] in small steps to the cell of orbit other[i], and write to arrives.
 
     arrives[i] is True if the continuation ends on orbit other[i]. way: the parameters of all steps (k·steps,), as
     cells: first the steps of the first pair of orbits.

@@ -105,7 +105,7 @@ def cache_directory() -> Path:
 
 @cache
 def can_be_kept() -> bool:
-    """Return whether the cache can be written, and warn if not. Numba's own cache could be stale."""
+    """Return whether the cache can be written, and warn if not: numba's own cache, which may be stale, is not used."""
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=cache_directory()).close()
@@ -266,7 +266,7 @@ def compile_apart(about: str, *works: str) -> None:
 
 
 def locks(file: IO[str]) -> bool:
-    """Lock a file, and return False if another process has locked it. True if the file system has no locks."""
+    """Lock a file. Return False if another process has locked it, and True also if the file system has no locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -230,7 +230,7 @@ class MotionPiece:
         """Return whether a flight is proved to meet no wall, or a contact not to end, before its stated end."""
 
         def clear(y: Interval) -> bool:
-            """Return whether a flight is between the walls at y, or a contact beyond its wall."""
+            """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 

@@ -144,7 +144,7 @@ class Bifurcation:
         )
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return δ and ε at the unknowns x."""
+        """Return δ and ε at the unknowns `at`."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
@@ -163,7 +163,7 @@ class Bifurcation:
         return [IV.mpf(x.mid) for x in found + free]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[list[Interval]]]:
-        """Return the values of all equations at the unknowns x, and their derivatives; at the point they are 0."""
+        """Return the values at x of all equations, which are 0 at the bifurcation point, and their derivatives."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
         at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
         delta, epsilon = (jet(each) for each in self.parameters(at))

@@ -29,7 +29,7 @@ FREE = ("delta", "epsilon")
 
 
 class Between(NamedTuple):
-    """The velocities w0 and w1 at the ends of a flight from t0 to t1, and their derivatives, as series."""
+    """The velocities w0 and w1 at the ends t0 and t1 of a flight, and the derivatives, as series: w0_t0 is ∂w0/∂t0."""
 
     w0: Series
     w1: Series
@@ -85,7 +85,7 @@ class System:
         return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> ModelPlane:
-        """Return the parameters at these unknowns."""
+        """Return δ, ε and β as balls, at the unknowns `at`."""
         return ModelPlane(*self.parameters(at), self.beta)
 
 

@@ -64,7 +64,7 @@ class HSet:
 
     @cached_property
     def middle(self) -> arb_mat:
-        """Return the centre of the set (2, 1)."""
+        """The centre of the set as a column vector (2, 1)."""
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
     def corners(self) -> Iterator[Pair]:
@@ -85,7 +85,7 @@ class Mapped:
     images: dict[SetPart, Image | None] = field(default_factory=dict)
 
     def image(self, part: SetPart) -> Image | None:
-        """Return the image of a part, or None if its motions are not proved to meet these walls."""
+        """Return the image of a part, or None if its motions are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
             centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])

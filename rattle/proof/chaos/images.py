@@ -142,7 +142,7 @@ class FlightBundle:
         return t0, w0
 
     def middle_until(self, t: arb) -> FlightEnclosure:
-        """Return the flight from the middle of the set until the time t."""
+        """Return the middle flight of the bundle until the time t."""
         return _flight(self.plane, *self.middle, t)
 
     def all_until(self, t: arb) -> FlightEnclosure:

@@ -229,7 +229,7 @@ def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub to their next visit there, the shortest first, at most EACH with the same words."""
+    """Yield motions from the hub until their next visit to it, the shortest first, at most EACH with equal words."""
     inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -266,7 +266,7 @@ def _growth_of(loops: Sequence[FoundLoop]) -> float:
 
 
 def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | None:
-    """Return the loop along a segment, or None if Π does not stretch the hub along it across the hub."""
+    """Return the loop along a motion, or None if Π does not stretch the hub along this motion across the hub."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _across(pi, hub, hub, words[0])

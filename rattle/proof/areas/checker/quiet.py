@@ -75,7 +75,7 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def logarithm(self, t: Interval, x: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return the first three derivatives of ln a by the time of (20.2), and a = e^(2x) g, where x = δ(t − t₀)."""
+        """Return three derivatives of ln a with respect to the time of (20.2), and a = e^(2x) g, for x = δ(t − t₀)."""
         w, (g, sine, cosine) = decayed(-x), self.force(t)
         k, d = 2 * PI, self.d
         f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g', g'', g''' over g

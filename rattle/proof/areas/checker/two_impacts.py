@@ -112,14 +112,14 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclosed(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return the values and derivatives over the cell of the functions `of` of the terms and Z."""
+        """Return values and derivatives over the cell of several functions, which `of` computes from terms and Z."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
         return self.known[of]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
-        """Return whether no solution of the cell has v > 0, u > 0 and low ≤ ε² ≤ high."""
+        """Return whether no solution of the cell has speeds v > 0 and u > 0 and low ≤ ε² ≤ high."""
         if any(less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
@@ -151,7 +151,7 @@ class Cell(ParameterBox):
         return self.mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
     def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Return whether Φ' is proved to have this sign from `start` to `end` of a flight, as at both impacts."""
+        """Return whether Φ' is proved to keep, from `start` to `end` of a flight, its sign `sign` at both impacts."""
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
@@ -200,7 +200,7 @@ class Column:
         return self.cells[low, high]
 
     def motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
+        """Return a run of parts of 0 ≤ s ≤ 1 for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
