@@ -90,7 +90,7 @@ def _root() -> str:
             os.makedirs(root, 0o700, exist_ok=True)
             found = os.lstat(root)
             private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):  # its files are executed
+            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):  # files in it are executed
                 return root
     return usual
 

@@ -40,7 +40,7 @@ MOST_STEPS = 16
 TRIED, EACH, MOST_WORDS = 100, 3, 40
 #: Number of hubs with one centre that are tried before hubs with the next centre.
 TOGETHER = 2
-#: Least ratio of the length of an image to that of the set it crosses; ratio of a set's height to that of the image.
+#: Least |ξ| that both ends of an image reach in the next set; ratio of the height of a set to that of the image in it.
 ROOM = 1.2
 #: Largest |η| of an image in the hub.
 HIGHEST = 0.95
