@@ -243,7 +243,7 @@ class Outcome:
 
 
 def _attractors(delta: NDArray[np.float64], epsilon: Any, count: int) -> tuple[list[Outcome], Callable[[], Any]]:
-    """Return the outcomes of some cells, and the function that computes them."""
+    """Return the outcomes of some cells, and a function without arguments that computes these cells again."""
     import rattle
 
     run = partial(rattle.attractors_of, delta, epsilon, 0.6, count, 7.0, 0)
@@ -310,7 +310,7 @@ class SurveyCost:
 
 
 def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = None) -> SurveyCost:
-    """Measure a survey of the plane of Figure 7 on an embedded cluster. tile: cells along a tile, by default few."""
+    """Measure a survey of the plane of Figure 7 on an embedded cluster. tile: cells along a tile; None: few cells."""
     from distributed import get_task_stream
 
     from gear_rattle import workers as w

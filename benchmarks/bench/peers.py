@@ -59,7 +59,7 @@ class Peer:
     nanoseconds, rattle_nanoseconds: per impact on either wall, on one core, for the same trajectories at δ = 0.6,
     ε = 0.1. phase_error, speed_error: largest differences from `rattle.Gear.impact` after one Π, absolute in phase and
     relative in speed, without lost trajectories. compared: number of compared trajectories. lost: how many of these
-    passed through a wall, stopped, or met other walls than rattle's.
+    passed through a wall, stopped, or hit the walls in another order than rattle's.
     """
 
     name: str
@@ -210,7 +210,7 @@ class Heyoka:
     def _on_upper(self) -> Callable[[object, int, int], bool]:
         """Return a callback that reflects on Σ⁺ and stops when a trajectory has ended.
 
-        The callback is no bound method, because heyoka would copy its `self`.
+        The callback is not a bound method, because heyoka would copy the object to which the method is bound.
 
         Returns
         -------
