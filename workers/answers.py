@@ -81,7 +81,7 @@ def _population(request: PopulationRequest, column: Callable[[str], np.ndarray],
         raise SurveyError(f"{name} lacks {missing} gears: wait until it is finished, or run it again to resume it")
     found = gears_of(request, column)
     failed = status == FAILED
-    if failed.any():  # failed gears have fill values; their numbers and parts follow from the plan
+    if failed.any():  # the store has fill values for failed gears, so their numbers and parts come from the plan
         rows = np.flatnonzero(failed)
         found.part[rows], found.values[rows] = request.plan.parts(rows), request.plan.values(rows)
     return Population(request.plan, found)
