@@ -20,11 +20,11 @@ from gear_rattle.workers.survey.tiles import TileRecord
 #: A tile is late if it takes longer than LATE_SECONDS, and than LATE_FACTOR times the longest tile of the run so far.
 #: Its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker; a larger one proportionally longer, but at most
-#: MOST times as long. A usual tile takes seconds.
+#: A tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker. A larger tile may take proportionally longer, but
+#: at most MOST times as long. A usual tile takes seconds.
 TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
-#: After the process of such a tile has been killed, the next one is killed after this time at the earliest, because the
-#: process restarts meanwhile.
+#: Least seconds between killing the process of one tile that takes too long and that of the next such tile, because the
+#: killed process restarts meanwhile.
 RESTART_SECONDS = 60.0
 #: A cluster is lost after this time without workers; shorter times pass while workers restart.
 WORKERLESS_SECONDS = 60.0
@@ -93,7 +93,7 @@ class Submission(InFlight[Attempt, Found]):
         Parameters
         ----------
         again : bool
-            Also repeat tiles that were repeated before. They may just be slow, and delay new tiles.
+            Also repeat tiles that were repeated before. Such tiles may just be slow, and would delay new tiles.
 
         Returns
         -------
@@ -172,7 +172,7 @@ class Submission(InFlight[Attempt, Found]):
         self.drop(lambda attempt: attempt.tile.index == tile.index)
 
     def cut_off(self) -> None:
-        """Cancel all tasks, and kill the processes that compute nothing else."""
+        """Cancel all tasks of this run, and kill the workers that run only these tasks."""
         futures = [task.future for task in self.in_flight.values()]
         self.in_flight.clear()
         end_tasks(self._client, futures)
