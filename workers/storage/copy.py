@@ -37,7 +37,7 @@ class Files(Protocol):
 
 
 class ZipStore:
-    """A store in a zip file, in the form that zarr reads. Members are not compressed, because chunks already are."""
+    """A store in a zip file, in the form that zarr reads. Its files are not compressed, because chunks already are."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -51,7 +51,7 @@ class ZipStore:
         return str(self.path)
 
     def read(self, key: str) -> bytes:
-        """Return the content of a member. Raises FileNotFoundError."""
+        """Return the content of a file in the zip file. Raises FileNotFoundError."""
         try:
             return self._file.read(key)
         except (KeyError, BadZipFile) as error:
