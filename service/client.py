@@ -421,7 +421,7 @@ def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
 
 
 def _axis(value: Any) -> Any:
-    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # the service explains errors of other values
+    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # the service refuses other values
     return dict(zip(AXIS, value, strict=True)) if is_one else value
 
 

@@ -81,7 +81,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
 
 
 def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory. Return their files by key, the arrays, and each variable's pattern of chunk keys."""
+    """Create empty arrays in memory. Return their files by key, the arrays, and patterns of chunk keys by variable."""
     found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
     return found
 

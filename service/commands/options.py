@@ -78,7 +78,7 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 def with_options(
     command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command further options, whose defaults are `defaults` or None.
+    """Give a command further options. defaults: default values by option; the default of other options is None.
 
     The command's first argument is then `taken_as(given)`, with the given options by name.
 
@@ -94,7 +94,7 @@ def with_options(
     shared = [
         inspect.Parameter(name, keyword, default=defaults.get(name), annotation=kind) for name, kind in options.items()
     ]
-    required = [each for each in own if each.default is inspect.Parameter.empty]  # for example a file; they come first
+    required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file: they come first
     taken = [*required, *shared, *(each for each in own if each not in required)]
 
     @functools.wraps(command)

@@ -177,7 +177,7 @@ class KeyRow(Table):
 
 
 class SessionRow(Table):
-    """The session of a browser that is signed in with a key. hash: of the token in the browser's cookie."""
+    """The session of a browser that is signed in with a key. hash: the hash of the token in the browser's cookie."""
 
     __tablename__ = "sessions"
 
