@@ -74,7 +74,7 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of one number: its share of the variance alone, and together with all others."""
+    """Sobol indices of one number: its share of the variance alone, and with its interactions with other numbers."""
 
     first: Interval
     total: Interval
