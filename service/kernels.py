@@ -50,7 +50,7 @@ class Kernels:
             await asyncio.gather(*self._compiled.values(), return_exceptions=True)
 
     def begin(self, model: str = DEFAULT_MODEL) -> None:
-        """Compile the kernels of a model, unless that has begun or an earlier process has done it."""
+        """Begin to compile the kernels of a model, unless this has begun before or an earlier process compiled them."""
         if model in self._compiled:
             return
         loop = asyncio.get_running_loop()

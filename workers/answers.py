@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 def population_of(where: str | Path | Place) -> Population:
     """Read the population from a store whose gears are all computed.
 
-    The result is that of `rattle.population`. Samples of a failed gear count as undecided.
+    The result equals that of `rattle.population`. The samples of a failed gear count as undecided.
 
     Returns
     -------
     Population
-        The plan of the gears, and their attractors, one row a gear.
+        The plan from which the gears are drawn, and the attractors of each gear in one row.
 
     Raises
     ------
@@ -46,12 +46,12 @@ def population_of(where: str | Path | Place) -> Population:
 
 
 def population_in(dataset: "xr.Dataset", name: str) -> Population:
-    """Read the population from an opened store, for example of a service. name: what messages call the store.
+    """Read the population from an opened store, for example that of a service. name: name of the store in messages.
 
     Returns
     -------
     Population
-        The plan of the gears, and their attractors, one row a gear.
+        The plan from which the gears are drawn, and the attractors of each gear in one row.
 
     Raises
     ------

@@ -178,7 +178,7 @@ def _in_step(thin: int, barrier: Any, index: int) -> tuple[list[float], NDArray[
 
 
 def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
-    """Measure workload A compiled for this processor and for x86-64-v3; `_workload_a` explains both numbers."""
+    """Measure workload A for this processor and for x86-64-v3: ns per impact without and with the tangent map."""
     native, other = list[list[float]](), list[list[float]]()
     measured = _workload_a(thin)
     with _elsewhere(thin) as ask:

@@ -63,7 +63,7 @@ def add_key(
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """Return the key whose token this is; None if there is no such key, or it is revoked, which holds at once."""
+    """Return the valid key with this token, or None. The database is read each time: a revoked key fails at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None

@@ -44,7 +44,7 @@ class Active(NamedTuple):
 
 @dataclass(frozen=True)
 class DoneTile:
-    """A tile that is written to the store. failed: its number of failed cells. failures: why the first ones failed."""
+    """A written tile. failed: number of its failed cells. failures: indices and messages of the first failed cells."""
 
     index: int
     cells: int

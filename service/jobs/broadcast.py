@@ -67,7 +67,7 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def after(self, seen: int) -> list[Written] | None:
-        """Return the events after number `seen` that have been read; None if some of them are no longer kept."""
+        """Return the events after number `seen` that have been read; None if some of these are no longer kept."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1

@@ -81,7 +81,7 @@ class IndexDocument(BaseModel):
 
 
 class WorstDocument(BaseModel):
-    """A gear of the population."""
+    """One of the worst gears of a population, by its row, with its numbers and how it runs."""
 
     row: int
     numbers: dict[str, float]

@@ -118,9 +118,9 @@ class InFlight(ABC, Generic[Work, Result]):
         self._ended.put((future, result, error))
 
     def drop(self, belongs: Callable[[Work], bool]) -> None:
-        """Forget the tasks whose work `belongs` selects. The scheduler then cancels them if they are unfinished.
+        """Forget the tasks for whose work `belongs` returns true. The scheduler then cancels the unfinished ones.
 
-        Finished tasks must be forgotten too: dask would compute a kept one again if its worker died.
+        Finished tasks must be forgotten, too: if a worker died, dask would compute its remembered tasks again.
         """
         for key, task in list(self.in_flight.items()):
             if belongs(task.work):

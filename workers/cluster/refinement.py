@@ -69,7 +69,7 @@ def refined_frames(
 
 
 class _Work(InFlight[WindowPart, PartValues]):
-    """The parts of a window that are on the cluster."""
+    """The parts of a window that are submitted to the cluster and have not ended."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
         super().__init__(client, "window", LOST)

@@ -36,14 +36,14 @@ Found = TileRecord | PartialTile
 
 @dataclass(frozen=True)
 class Attempt:
-    """An attempt at a tile; several attempts at the same tile write the same bytes."""
+    """An attempt to compute a tile. All attempts at the same tile write the same bytes."""
 
     tile: AnyTile
     apart: bool
 
 
 class Submission(InFlight[Attempt, Found]):
-    """The tiles of one run that are on the cluster."""
+    """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(
         self,

@@ -38,7 +38,7 @@ class WindowPart(NamedTuple):
 
 
 class PartValues(NamedTuple):
-    """Result of a part: values (n_epsilon, n_delta), the number of failed cells, and the seconds that it took."""
+    """Result of a part: values (n_epsilon, n_delta), number of failed cells, and seconds of the computation."""
 
     values: np.ndarray
     failed: int
@@ -47,7 +47,7 @@ class PartValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """A partly computed window: cell centres delta (n,) and epsilon (m,), values (m, n) in the dtype of the map.
+    """A partly computed window. delta (n,), epsilon (m,): the cell centres. values (m, n): in the dtype of the map.
 
     A cell that is not computed yet has the value of a neighbour on the next coarser level. done: computed share of the
     whole grid, 1 in the last frame. failed: number of cells that could not be computed and have no value.

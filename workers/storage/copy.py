@@ -71,7 +71,8 @@ def copy_store(
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        Path, s3:// URL or zip file. It must not exist, or be an interrupted copy of this store (but no zip file).
+        Path, s3:// URL or zip file. It must not exist, except that a path or URL may have an interrupted copy of this
+        store.
     on_file
         Called with the number of copied files and the number of all files.
 

@@ -20,7 +20,8 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
 from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 
-#: The manifest is written when more than 1/SHARE of its tiles are new, so that a large manifest is written rarely.
+#: The manifest is written when more than 1/SHARE of its tiles are new since it was last written, so that a large
+#: manifest is written rarely.
 SHARE = 200
 KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
 LARGE = 4 * 2**20  # bytes; only the latest larger manifest is kept, because that of 10⁹ cells takes 250 MB
