@@ -20,7 +20,7 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
-    """Return the HTTP header with an API key; no header if there is no key. By default the key of ``RATTLE_API_KEY``.
+    """Return the HTTP header with an API key, by default that of ``RATTLE_API_KEY``; no header if there is no key.
 
     Returns
     -------

@@ -49,7 +49,7 @@ class Runner(Protocol):
     """A function that computes Πⁿ of states with another integrator."""
 
     def __call__(self, starts: Starts, n: int) -> Iterates:
-        """Return the final states. n_plus < n marks a lost trajectory, whose state means nothing."""
+        """Return Πⁿ of the states. A trajectory with n_plus < n is lost, and its final state has no meaning."""
 
 
 @dataclass(frozen=True)

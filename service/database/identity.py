@@ -36,7 +36,7 @@ class NewJob:
 
     @property
     def stored_key(self) -> str | None:
-        """The idempotency key as the database stores it, with the owner."""
+        """The idempotency key as the database stores it, with the owner; None without a key."""
         if self.owner is None or self.idempotency_key is None:
             return self.idempotency_key
         return f"{self.owner} {self.idempotency_key}"  # idempotency keys have no spaces, so the text is unique

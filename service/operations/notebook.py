@@ -38,7 +38,7 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points between which its diagram goes.
+    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points where its diagram begins and ends.
 
     The numbers in the notebook read back the same to the last bit.
 

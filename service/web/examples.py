@@ -280,7 +280,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: paths of its numbers that differ from their names."""
+    """Return OpenAPI links to operations at a point. parts: path of a number in the answer, if not its name."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

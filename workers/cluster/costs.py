@@ -123,8 +123,8 @@ class Begun:
 def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     """Sort tiles so that the first n tiles, for any n, are spread over the plane. columns: columns of tiles.
 
-    The order is that of ordered dithering: every second row and column comes before the others, and among these again
-    every second one comes first, and so on.
+    The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of
+    other parities. Within each of these four groups the same rule holds for half the numbers, and so on.
 
     Returns
     -------

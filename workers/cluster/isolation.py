@@ -71,7 +71,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
 
 
 def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
-    """Yield the outcomes of cells until the process ends. If it failed and no cell is the cause, raise its error."""
+    """Yield the outcomes of cells until the process ends. Raises its error if it failed outside of a cell."""
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):

@@ -55,8 +55,8 @@ class Submission(InFlight[Attempt, Found]):
     ) -> None:
         """Store the function that tasks run, and its arguments.
 
-        task: called as `advance_tile`. path: location of the store. partial: partly computed tiles by index, updated in
-        place.
+        task: function with the arguments of `advance_tile`. path: location of the store. partial: partly computed tiles
+        by index, updated in place.
         """
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path

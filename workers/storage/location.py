@@ -55,7 +55,7 @@ class Directory:
         return (self.path / key).read_bytes()
 
     def reaching(self) -> AbstractContextManager[None]:
-        """Return a context that does nothing. A bucket's translates errors, but OSError needs no translation."""
+        """Return a context that does nothing, because OSError needs no translation, unlike the errors of a bucket."""
         return nullcontext()
 
     def build(self, template: Mapping[str, bytes]) -> None:
