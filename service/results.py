@@ -90,7 +90,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
 def open_family(
     store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Open one family of a survey from disk or from a service as a map, like `gear_rattle.open_family`, with a key.
+    """Open one family of a survey as a map, like `gear_rattle.open_family`, and send an API key to a service.
 
     Returns
     -------

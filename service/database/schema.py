@@ -19,7 +19,7 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 
 
 def is_current(engine: Engine) -> bool:
-    """Return whether the schema is the one of this version. Nothing is written.
+    """Return whether the database has the schema of this version. Nothing is written.
 
     Returns
     -------

@@ -179,7 +179,7 @@ class Surveys(Transactions):
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
-        """Change the state of an active survey. Return False if the survey has ended or is gone; then do nothing."""
+        """Change the state of an active survey. If the survey has ended or is gone, do nothing and return False."""
         with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:

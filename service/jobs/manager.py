@@ -358,7 +358,7 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
-        """Return whether the turn of the running survey is over. If no other survey is next, begin its next turn."""
+        """Return whether the turn of the running survey is over. If the same survey is next, begin its next turn."""
         if not self._turns.is_used_up:
             return False
         following = self._turns.next(self._database.active())
@@ -384,7 +384,7 @@ class JobManager:
         return tell
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the seconds until the tiles of a survey end; None if the survey does not run, or if unknown."""
+        """Return the seconds until the tiles of a survey end; None if it does not run, or the time is not known."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 

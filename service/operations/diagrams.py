@@ -14,7 +14,7 @@ STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial c
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return the range of δ or ε around a point, inside the plane. either_way: extent on either side; None: SPANS."""
+    """Return a range of δ or ε around a point, inside the plane. either_way: extent on either side, else SPANS."""
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way

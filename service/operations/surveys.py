@@ -118,7 +118,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Queue a survey that has ended or was dismissed again, to compute its damaged or missing tiles.
+    """Queue again a survey that has ended or was dismissed, to compute its damaged or missing tiles.
 
     Returns
     -------

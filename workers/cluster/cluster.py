@@ -88,7 +88,7 @@ class WarmKernels(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Keep the garbage collector from examining all modules when the process ends: it took a third of a second."""
+        """Keep the garbage collector from examining all modules at the end, which took a third of a second."""
         gc.freeze()
 
 

@@ -114,7 +114,7 @@ class Submission(InFlight[Attempt, Found]):
         return len(self.in_flight) - before
 
     def set_endless_tile_apart(self) -> None:
-        """Kill the process of a tile that has taken too long, and compute the tile apart, with a limit for each cell.
+        """Kill the process of a tile that has taken too long, and compute its cells with a time limit in a new process.
 
         Only one tile is treated at a time: dask may send another tile to the ending process, and would count the death
         against that tile.
@@ -151,7 +151,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def after_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Compute a tile apart if it has killed its workers; raise any other error."""
+        """Compute a tile in a process of its own if it has killed its workers; raise any other error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error

@@ -47,7 +47,7 @@ class Directory:
         return (self.path / ROOT).exists()
 
     def deletion_begun(self) -> bool:
-        """Return False: the deletion of a directory begins by renaming it."""
+        """Return False, because a directory whose deletion has begun has another name."""
         return False
 
     def read(self, key: str) -> bytes:

@@ -317,7 +317,7 @@ def has_added(where: str | Path | Place, name: str) -> bool:
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add files to a store. added: contents of files to write. there: digests of chunks that are already written.
+    """Add files to a store. added: contents of files to write, by key. there: digests of chunks already written.
 
     The root is written last, and all additions become visible with it.
 
