@@ -133,7 +133,7 @@ def main() -> None:
         if survey.attrs.get("refined_cells_filled", 1) == 0 or "source_level" not in survey:
             raise SystemExit(f"{known.store} has no filled cells")
         parts = list(drawn(survey, known.cells, known.seed))
-        # After a time limit, the computed cells are from the whole plane.
+        # The tiles are shuffled, so that after a time limit the computed cells are from the whole plane.
         np.random.default_rng(known.seed).shuffle(parts)  # type: ignore[arg-type]
         for found in pool.imap_unordered(compared, parts):
             found["any of these"] = np.logical_or.reduce(list(found.values()))

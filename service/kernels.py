@@ -22,7 +22,7 @@ from rattle.precompile import BY_REQUEST, SURVEY
 
 log = logging.getLogger(__name__)
 
-#: Functions that compile kernels; those of surveys come first, because workers wait for them.
+#: Functions that compile kernels. The function for surveys comes first, because workers wait for these kernels.
 WORKS = (SURVEY, BY_REQUEST, "gear_rattle.service.compilation:answers")
 
 

@@ -392,6 +392,7 @@ def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dat
     }
     found = xr.Dataset(variables, coordinates, attributes)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ZarrUserWarning)  # about consolidated metadata, which others may not read
+        # zarr warns that other libraries may not read consolidated metadata.
+        warnings.simplefilter("ignore", ZarrUserWarning)
         found.to_zarr(out, mode="a", zarr_format=3)
     return found

@@ -40,7 +40,7 @@ CELLS = {
     "chaos alone (0.6, 0.25)": (0.6, 0.25),
     "near the quiet limit (0.6, 0.1885)": (0.6, 0.1885),
 }
-NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around a named one
+NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around each of CELLS
 PLANE = (0.4, 1.0), (0.005, 0.3)  # (δ, ε) of Figure 7
 LARGE = 1_000_000  # cells of the survey whose time is extrapolated
 #: Variables that make numba compile for x86-64-v3: a Haswell has just these instructions, and the empty second variable
@@ -324,7 +324,7 @@ def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = N
         store = Path(directory) / "survey.zarr"
         w.create_store(request, store)
         with get_task_stream(client) as stream:
-            began = time.time()  # dask's clock
+            began = time.time()  # dask's task stream has times of this clock
             w.run_tiles(request, store, w.tiles_of(request), client, records.append, lambda: False)
             ended = time.time()
         w.finish_store(store)

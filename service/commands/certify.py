@@ -206,11 +206,11 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
                 if client is None:
                     found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)
                 else:
-                    from gear_rattle.workers.cluster.runner import certify_on  # dask
+                    from gear_rattle.workers.cluster.runner import certify_on  # loads dask
 
                     found = certify_on(client, survey, out, on_done, stop.is_set)
         except SurveyError:
-            if not stop.is_set():  # otherwise the stop ended the cluster
+            if not stop.is_set():  # after a stop, the error only reports the end of the cluster
                 raise
     if stop.is_set():
         typer.echo(f"Stopped. {out} keeps what is proved; the same command resumes it.", err=True)

@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.kinds import AnyTile
     from gear_rattle.workers.survey.template import Template
 
-FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0  # seconds until the next attempt after an error; each pause is twice as long
+#: Seconds until the next attempt after an error. Each pause is twice as long as the one before.
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
 WORKERS_SECONDS = 2.0  # longest wait for the number of the cluster's threads
 LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for the last tiles, which end within 2 s after a dismissal

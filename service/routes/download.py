@@ -108,7 +108,7 @@ async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket,
 
 
 def _netcdf(place: Path | Bucket) -> IO[bytes]:
-    from gear_rattle.workers.storage.export import require_readable, write_netcdf  # xarray
+    from gear_rattle.workers.storage.export import require_readable, write_netcdf  # loads xarray
     from gear_rattle.workers.storage.store import open_groups
 
     with open_survey(place, as_stored=True) as dataset:

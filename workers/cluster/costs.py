@@ -15,8 +15,8 @@ from gear_rattle.workers.survey.tiles import TileRecord
 MANY = 64  # cells are measured if a run has at least this many tiles; else its first finished tiles predict as well
 MEASURED = 256  # at most this many tiles have measured cells
 FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles together, but at most EACH in one tile
-#: The measured cells of a tile are kept if it has at most this many cells for each; in larger tiles they are computed
-#: again with the others, which takes less time than computing the others without them.
+#: The measured cells of a tile are kept if the tile has at most this many cells for each measured cell. In larger tiles
+#: they are computed again with all others, which takes less time than computing the others without them.
 KEPT = 64
 NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
 TRUST = 1.0  # weight of the predictions, relative to the measured seconds of finished tiles
@@ -106,7 +106,9 @@ class Begun:
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
-        if self.foreseen:  # tiles with too high predictions come first, so their ratio does not hold for others
+        # Tiles with too high predictions begin first. So the ratio of measured and predicted time of the finished tiles
+        # # must not be extrapolated to the others.
+        if self.foreseen:
             pace = max(pace, 1.0)
         lefts, begun = [], 0.0
         for index, part in self.partial.items():

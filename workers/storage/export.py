@@ -49,7 +49,8 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.ndim and values.dtype.kind in "biuf":  # HDF5 has no checksums of texts
             encoding[name]["fletcher32"] = True
-        if values.dims[-2:] == CELL:  # bands are chunks: HDF5 would compress a higher chunk for each band
+        # Chunks are as high as a band, because HDF5 would compress a higher chunk again for each of its bands.
+        if values.dims[-2:] == CELL:
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
     written = dataset.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]

@@ -126,7 +126,8 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
     lost = [MANIFEST] if is_ours else []
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ZarrUserWarning)  # about the lock, which zarr does not know
+            # zarr warns about the lock file, which is not part of a zarr hierarchy.
+            warnings.simplefilter("ignore", ZarrUserWarning)
             group = zarr.open_group(place.zarr(), mode="r")
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # a foreign format raises errors of several types

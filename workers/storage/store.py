@@ -302,7 +302,8 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.sweep()
             told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
-            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # else the rounds of audits count
+            # If the survey has LEAF, the rounds of audits have counted its cells.
+            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 told |= _refined(place)
             tell(place, told)
         except OSError as error:
