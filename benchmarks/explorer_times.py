@@ -26,7 +26,7 @@ import psutil
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 from server import server
 
-#: The browser: Chromium, with which the published times were measured, or else the browser of the tests.
+#: The browser with which the published times were measured, or else the headless one that the tests use.
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-headless-shell")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
 POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other

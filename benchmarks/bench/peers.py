@@ -59,7 +59,7 @@ class Peer:
     nanoseconds, rattle_nanoseconds: per impact on either wall, on one core, for the same trajectories at δ = 0.6,
     ε = 0.1. phase_error, speed_error: largest differences from `rattle.Gear.impact` after one Π, absolute in phase and
     relative in speed, without lost trajectories. compared: number of compared trajectories. lost: how many of these
-    passed through a wall, stopped, or hit the walls in another order than rattle's.
+    passed through a wall, stopped, or had another number of impacts on Σ⁻ than with rattle.
     """
 
     name: str
