@@ -421,7 +421,8 @@ def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
 
 
 def _axis(value: Any) -> Any:
-    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # the service explains errors of other values
+    # Other values are sent unchanged, and the service explains what is wrong with them.
+    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)
     return dict(zip(AXIS, value, strict=True)) if is_one else value
 
 

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from gear_rattle.service.errors import ForbiddenError
 
-if TYPE_CHECKING:  # not installed where surveys are computed without a service
+if TYPE_CHECKING:  # starlette is not installed without the extra for services
     from starlette.datastructures import Headers
     from starlette.types import Scope
 

@@ -239,7 +239,7 @@ def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     from gear_rattle.workers.pictures.levels import levels_in_groups
     from gear_rattle.workers.pictures.maps import (
         map_picture,
-    )  # matplotlib: a second for who asks first, not for every start
+    )  # loads matplotlib in a second, so only for the first picture
 
     opened = partial(open_survey, place)
     with_families = SHARE if asked.look.family is not None else asked.variable

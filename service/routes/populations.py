@@ -210,7 +210,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
 
 
 def _answered(place: FilePath | Bucket) -> str:
-    from gear_rattle.workers.answers import population_of  # zarr
+    from gear_rattle.workers.answers import population_of  # loads zarr
 
     return answers_document(population_of(place)).model_dump_json()
 
