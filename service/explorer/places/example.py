@@ -1,4 +1,4 @@
-"""The survey that comes with the explorer: the paper's Figure 7, shown where there is no other (`make example`)."""
+"""The survey that comes with the explorer: the paper's Figure 7, shown if there is no other survey (`make example`)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ REQUEST = SurveyRequest(
     epsilon=Axis(start=0.001, stop=0.299, num=150),
     quantities=(*CLOSED_FORMS, Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY),
 )
-#: Variables in the file: maps, and what the table of a cell's attractors takes.
+#: Variables in the file: MAPS can be drawn as maps; KEPT also has the variables for the table of a cell's attractors.
 MAPS = ("quiet_fraction", "n_attractors", "lyapunov_max", "worst_level", "chaotic_fraction", "attractor_kind")
 KEPT = (*MAPS, "attractor_fraction", "attractor_m", "attractor_n_plus", "attractor_n_minus")
 
 
 def sampled() -> xr.Dataset:
-    """Return the variables in the file, loaded. Blocks: for a thread."""
+    """Return the variables in the file, loaded. It blocks: use a thread."""
     with ZipStore(EXAMPLE, mode="r") as store:
         return xr.open_zarr(store, consolidated=False).load()

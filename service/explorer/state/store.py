@@ -56,7 +56,7 @@ class Store:
         self._tell({JOBS})
 
     def _tell(self, changed: set[str]) -> None:
-        """Call the listeners of changed fields. If a listener dispatches events, their changes follow in a next round."""
+        """Call the listeners of changed fields. Changes that a listener itself dispatches follow in another round."""
         self._changed |= changed
         if self._is_telling:
             return
