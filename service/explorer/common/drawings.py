@@ -17,7 +17,8 @@ Show = Callable[[], object]
 class Drawings:
     """Runs one drawing at a time, because the thread of a cancelled drawing would go on.
 
-    If several drawings are requested meanwhile, only the newest follows; while a survey runs, it follows after PAUSE.
+    If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
+    between two drawings.
     """
 
     def __init__(self, viewer: Viewer) -> None:
@@ -36,7 +37,8 @@ class Drawings:
         what : Hashable
             Name of the drawing. It stays the same when a survey has computed more cells.
         jobs : Sequence[JobRow]
-            Surveys of the drawing. It is drawn again when the state or the number of computed cells of one changes.
+            Surveys of the drawing. If the state or the number of computed cells of a survey has changed, the drawing is
+            made again.
         draw : Callable[[], AsyncGenerator[Show, None]]
             Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
         """

@@ -88,13 +88,13 @@ def clear_mapper() -> Any:
 
 
 def veil(source: ColumnDataSource, paper: str) -> Any:
-    """Return an image renderer that covers pixels of value 1 with the background colour `paper`, half transparent."""
+    """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
     mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
     return image_glyph(source, mapper, name="veil")
 
 
 def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """Return the linear scale under the key False, and the logarithmic scale under True. fine: finer cells' source."""
+    """Return the linear colour scale under the key False, the logarithmic under True. fine: source of finer cells."""
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)

@@ -20,7 +20,7 @@ class Heading(Text):
         self._write()
 
     def progress(self, text: str) -> None:
-        """Write after the description what is being computed. It is hidden while no map is shown."""
+        """Write after the description what is being computed. This text is hidden while no map is shown."""
         self._progress = text
         if self._shown:
             self._write()

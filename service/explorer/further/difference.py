@@ -40,7 +40,13 @@ class Difference(MapPlane):
     """
 
     def __init__(self, first: MapPlane, other: MapPlane) -> None:
-        """Read both maps. It blocks: use a thread. Call `require_small` first. Raises SurveyError for families."""
+        """Read both maps. It blocks: use a thread, and call `require_small` first.
+
+        Raises
+        ------
+        SurveyError
+            The maps show families, which each survey numbers in its own way.
+        """
         if first.plane.name == LARGEST:
             raise SurveyError("The families of two surveys have numbers of their own: choose another map.")
         self._first = first

@@ -81,7 +81,7 @@ class ComparisonMaps:
             each.follow_pointer()
 
     def _add(self) -> None:
-        """Add a map of the survey of the first map, the first map that is not shown yet."""
+        """Add a comparison map of the first map's survey: the next of its maps that is not shown yet."""
         view, request = self._store.view, self._store.request
         if request is None or not view.survey:
             return

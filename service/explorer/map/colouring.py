@@ -86,7 +86,7 @@ def window_shown(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarra
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """Return the colours of a map whose drawn cells are `block`. room: its pixels. It blocks: use a thread."""
+    """Return the colours of a map whose drawn cells are `block`. room: pixels of the map. It blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = layers_of(plane, block)
     reasons = np.zeros(values.shape, np.uint8)

@@ -112,8 +112,8 @@ def window_middle(window: Ranges) -> Pair:
 def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ranges, steps: list[int]) -> Pair:
     """Return the cursor after a number of steps to the right and up, and of far steps to the right and up.
 
-    A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is FAR of
-    the window.
+    A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is the
+    share FAR of the window.
 
     Returns
     -------

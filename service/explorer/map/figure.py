@@ -351,7 +351,7 @@ class MapFigure:
         ]
 
     def _on_screen(self, delta: float, epsilon: float) -> tuple[float, float]:
-        """Return the pixels of a point from the lower left of the frame."""
+        """Return the position of a point on the screen, in pixels from the lower left corner of the frame."""
         x, y = (
             side * (at - span.start) / (span.end - span.start)
             for side, at, span in zip(self.pixels, (delta, epsilon), self._ranges, strict=True)
@@ -389,7 +389,7 @@ class MapFigure:
         _put(self.cross_at, point)
 
     def pins(self, points: Mapping[str, Pair]) -> None:
-        """Mark the points that are pinned, each with its number."""
+        """Mark the pinned points, each with its number, which is its key in `points`."""
         found = {
             "x": [x for x, _ in points.values()],
             "y": [y for _, y in points.values()],

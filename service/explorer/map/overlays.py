@@ -202,7 +202,7 @@ class KeyedLines(Lines):
 
 
 def entries(model: Model) -> list[dict[str, Any]]:
-    """Return the overlays as the key of a map of this model lists them."""
+    """Return the entries of the key: the lines and the marks that a map of a model can show."""
     return [
         {
             "name": name,

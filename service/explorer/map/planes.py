@@ -203,7 +203,7 @@ class MapPlane:
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # these two follow from the others
+            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # these two follow from the other variables
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
@@ -325,7 +325,7 @@ class Atlas:
 
     def _new(self, job: JobRow, variable: str) -> type[MapPlane]:
         """Return the class that reads a map of a survey."""
-        if variable in (LARGEST, SHARE):  # levels lack these two
+        if variable in (LARGEST, SHARE):  # levels lack these two variables
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL

@@ -79,7 +79,18 @@ class WithoutSurvey(Protocol):
     def beforehand(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """Return a closed-form map of a survey, with its cells that `computed` returns. It blocks: use a thread."""
+        """Return a closed-form map of an unfinished survey. It blocks: use a thread.
+
+        Parameters
+        ----------
+        computed : Callable[[], MapPlane]
+            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet.
+
+        Returns
+        -------
+        MapPlane
+            The map.
+        """
 
 
 def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:

@@ -13,7 +13,7 @@ EXAMPLE = ASSETS / "example.zip"
 
 #: Regions and motions of period one are closed forms, and not in the file.
 CLOSED_FORMS = (Group.REGION, Group.ORBITS)
-#: A cell is half a step wider than the axes on either side, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
+#: The cells reach half a step beyond either end of the axes, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
 REQUEST = SurveyRequest(
     delta=Axis(start=0.4015, stop=0.9985, num=200),
     epsilon=Axis(start=0.001, stop=0.299, num=150),

@@ -34,7 +34,22 @@ class ProfilePicture:
         clear(self.steps)
 
     def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
-        """Draw a profile; return the limits of its axis. span: parameter at its ends. limits: None for all values."""
+        """Draw a profile over the parameter of the diagram.
+
+        Parameters
+        ----------
+        found : Profile
+            Values along the line.
+        span : Pair
+            Parameter at the two ends of the line.
+        limits : Pair | None
+            Range of the axis of values, None for the default of `spanned`.
+
+        Returns
+        -------
+        Pair
+            Range of the axis of values.
+        """
         x = np.repeat(span[0] + found.at * (span[1] - span[0]), 2)[1:-1]
         values = np.repeat(found.values.astype(float), 2)
         texts = [_told(found, each) for each in found.values.tolist() for _ in range(2)]

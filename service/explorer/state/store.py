@@ -42,7 +42,7 @@ class Store:
         self._known: tuple[str, SurveyRequest] | None = None
 
     def subscribe(self, listener: Callable[[], object], *names: str) -> None:
-        """Call a listener after changes of the named fields of the view, or of the surveys (JOBS); no names: of any."""
+        """Call a listener after changes of the named fields of the view or of the surveys (JOBS), by default of any."""
         self._listeners.append((listener, frozenset(names or (*NAMES, JOBS))))
 
     def dispatch(self, event: Event) -> None:
