@@ -1,9 +1,10 @@
 """Lasting contact: where a motion enters a contact phase, and where it is released (compiled).
 
-In contact Φ' = 0 on a wall, and the contact force presses on the wall. This module alone decides where a motion enters:
+In contact Φ' = 0 on a wall, and the contact force presses on the wall. This module alone decides where a motion enters
+contact:
 
 - `is_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only contact
-  that a motion with elastic impacts enters. It has no release, because the force never changes sign.
+  that a motion with elastic impacts enters. It has no release, because the contact force never changes sign.
 - `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
   starts on the wall, or if a speed underflows.
 
@@ -40,7 +41,7 @@ def is_captured(speed, force, largest_invariant):
 
 @inline
 def chatter_completes(speed, pressing, gap, capture):
-    """Return whether an impact left with this speed is certain to lead to contact, through impacts that lose energy.
+    """Return whether the motion after an impact with this speed is certain to end in contact (inelastic impacts).
 
     Parameters
     ----------

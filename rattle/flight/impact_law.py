@@ -29,19 +29,19 @@ def before_reflection(w):
 
 @inline
 def reflected_change(change):
-    """Return the change of the velocity after an impact that a change of the velocity before it causes."""
+    """Return the change of the departure velocity that a small change of the arrival velocity causes."""
     return -change
 
 
 @inline
 def arrival_part(w):
-    """Return the term that an arrival velocity, or a derivative of it, contributes to `impact_mismatch`."""
+    """Return the term that the arrival velocity w, or a derivative of w, contributes to `impact_mismatch`."""
     return w
 
 
 @inline
 def impact_mismatch(before, after):
-    """Return the departure velocity minus the one that the law requires after this arrival; 0 at a true impact."""
+    """Return the departure velocity minus the velocity that the law requires after this arrival; 0 at a true impact."""
     return after + arrival_part(before)
 
 
