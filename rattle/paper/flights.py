@@ -23,9 +23,9 @@ def smallest_acceleration(delta: float, epsilon: float, phase: float, velocity: 
 
 
 class ReferenceImpacts(NamedTuple):
-    """One step of the impact map Π from Σ⁺.
+    """The impacts during one step of the impact map Π from Σ⁺.
 
-    walls, times: the wall of each impact, and its time since the departure.
+    walls, times: the wall of each impact, and its time since the departure, in forcing periods.
     smallest: the smallest Φ'' during the step.
     """
 
@@ -67,7 +67,7 @@ class WorstFlight(NamedTuple):
 
 
 def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
-    """Return the flights with the smallest Φ'' of A, B, C and D, over cells (n,)."""
+    """Return for each of A, B, C and D the smallest Φ'' on the orbit over cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])

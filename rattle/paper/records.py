@@ -1,8 +1,8 @@
 """Records of the check: numbers, statements and findings, and the rule that decides whether a number agrees.
 
 A number agrees if the computed value is within half a unit of the last digit that the paper gives. Where the paper
-writes ≈, it agrees within one unit, because the last digit may have been cut off and not rounded. An interval agrees
-only if all of it does.
+writes ≈, the computed value must be within one unit, because the last digit may have been cut off and not rounded. A
+computed interval agrees only if all its values agree.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Number:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Both ends of the computed interval; of a value, the value twice."""
+        """Both ends of the computed interval; if the computation gave a single value, this value twice."""
         return self.computed if isinstance(self.computed, tuple) else (self.computed, self.computed)
 
     @property
@@ -42,7 +42,7 @@ class Number:
 
     @property
     def tolerance(self) -> float:
-        """The largest difference with which a number agrees: half a unit of the last digit, or one unit with ≈."""
+        """The largest difference at which a number agrees: half a unit of the last digit, or one unit with ≈."""
         unit = 10.0 ** int(self.stated.as_tuple().exponent)
         return unit if self.paper.startswith("≈") else unit / 2
 
@@ -70,7 +70,7 @@ class Number:
 class Statement:
     """A statement of the paper without a number.
 
-    where: the figure or section. says: the statement. computed: the computed evidence in words.
+    where: the paper's figure or section. says: the statement. computed: the computed evidence in words.
     holds: whether the evidence supports the statement.
     """
 
@@ -123,7 +123,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """The result of the check; first: the number of the first finding, 1 in a whole report."""
+    """The result of the check of the paper.
+
+    first: the number of the first of the findings; 1 in a whole report.
+    """
 
     numbers: tuple[Number, ...]
     statements: tuple[Statement, ...]
