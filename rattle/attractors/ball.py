@@ -6,8 +6,8 @@ two properties, which are checked in several directions on the ellipse of that r
 radius: Π^k makes as many impacts on Σ⁻ as the orbit does, and DΠ^k contracts in that norm.
 
 Where Π^k is smooth and DΠ^k contracts on a convex set around its fixed point, the set is mapped into itself and shrinks
-to the point. docs/decisions/0007-survey-cost.md states what this assumes between the sampled directions, and how that
-is tested.
+to the point. The conditions are assumed to hold between the sampled directions too; docs/decisions/0007-survey-cost.md
+says how this assumption is tested.
 """
 
 import math

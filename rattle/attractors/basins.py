@@ -181,8 +181,8 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
 def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,). Its last cell is the sink of states that become quiet.
 
-    A cell whose trajectory does not return to the box maps to itself. It is then a group of its own and followed
-    exactly.
+    A cell whose trajectory does not return to the box maps to itself. Such a cell is a group of its own, which is
+    followed exactly.
 
     Returns
     -------

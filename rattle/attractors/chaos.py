@@ -146,7 +146,7 @@ def fill_exponents(sums, size, found):
 
 
 def pooled(sums: Sequence[Array]) -> Array:
-    """Return the exponents of n attractors, each from several trajectories on it.
+    """Return the Lyapunov exponents of n attractors, pooled over several trajectories on each attractor.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
 """Classify the samples of many cells by attractor, with as few impacts as certainty allows.
 
 Every sample is followed until it is captured or has made FIRST impacts. In a cell with unresolved samples a few of
-them, the probes, are then followed for longer with a tangent vector. They show whether the unresolved samples are
-chaotic, or whether all must be followed for longer.
+them, the probes, are then followed for longer with a tangent vector. The probes show whether the unresolved samples are
+chaotic, or whether all unresolved samples must be followed for longer.
 
 Unresolved samples count as chaotic only if their probes were followed for WATCH relaxation times 1/δ: phase space
-contracts by e^(−δ) a period, and transients last a multiple of 1/δ. docs/labels.md has the procedure,
-docs/decisions/0007-survey-cost.md and 0026-labels.md its reasons and figures.
+contracts by e^(−δ) a period, and transients last a multiple of 1/δ. docs/labels.md describes the procedure;
+docs/decisions/0007-survey-cost.md and 0026-labels.md give its reasons and measured errors.
 """
 
 from abc import ABC, abstractmethod
@@ -75,8 +75,8 @@ class Seen(NamedTuple):
 class Classifier(ABC):
     """Classify the samples of a block of cells.
 
-    The class holds the samples, the known orbits and the chaotic attractors of the cells. Subclasses say how the states
-    of a gear are followed.
+    The class holds the samples, the known orbits and the chaotic attractors of the cells. Subclasses implement how the
+    states of a gear are followed.
     """
 
     model: ClassVar[str]  # the gear's name, which selects its kernels
@@ -252,7 +252,7 @@ class Classifier(ABC):
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
-        """Double the room for orbits in each cell until it is at least `most`."""
+        """Double the room for orbits in each cell until each cell has room for at least `most` orbits."""
         while self.orbits.m.shape[1] < most:
             self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
 
@@ -359,15 +359,15 @@ class Classifier(ABC):
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def states_beside(self, left: Sets, number: NDArray[np.int64], most: NDArray[np.int64]) -> Trajectories:
-        """Return the unresolved samples of each cell in turn, then neighbours of them with slightly larger speeds.
+        """Return new trajectories from the unresolved samples of each cell, and from neighbours with larger speeds.
 
         Parameters
         ----------
         left : Sets
             The unresolved samples of n cells.
         number : ndarray of int, (k,) or (n, k)
-            Numbers of the states: the first numbers are the samples, higher ones their first neighbours, then their
-            second.
+            Numbers of the states in a cell: the lowest numbers are the samples themselves, then come the first
+            neighbours of all samples, then the second neighbours, and so on.
         most : ndarray of int, (n,)
             Impacts that a state of each cell may make.
 

@@ -43,7 +43,7 @@ class Uncertainty(NamedTuple):
     fractions, low, high : ndarray, (k,)
         Fraction of uncertain pairs, and its 95 % Wilson interval.
     pairs : ndarray of int, (k,)
-        Pairs whose fates are both decided.
+        Number of pairs at each distance in which both states reach an attractor or are chaotic.
     """
 
     exponent: float

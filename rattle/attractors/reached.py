@@ -87,8 +87,8 @@ class Sampled:
     ) -> tuple[Attractor, ...]:
         """Return the attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds.
 
-        Attractors come by falling fraction, followed by stable orbits that exist but that no sample reached, with
-        fraction 0 and the upper bound of its interval. The result is deterministic in all arguments.
+        Attractors are ordered by falling fraction. Last come stable orbits that exist but that no sample reached; they
+        have fraction 0, and an interval from 0 to its upper bound. The same arguments give the same result.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class Sampled:
         Returns
         -------
         Uncertainty
-            The exponent with its error, and the distances that it follows from.
+            The exponent with its error, and the distances and fractions from which it is computed.
 
         Raises
         ------

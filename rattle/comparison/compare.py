@@ -154,7 +154,7 @@ def compare(
 
 
 def _badness(found: Comparison) -> float:
-    """Return how badly an offset fits: the misfit, plus the distance of the nearest attractor."""
+    """Return how badly the offset of a comparison fits: the misfit plus the distance of the nearest attractor."""
     return found.misfit + (found.near[0].distance if found.near else 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Measured impacts: check them, read them from a table, and find the period with which they repeat."""
+"""Check measured impacts, read them from a table, and find the period with which the impacts repeat."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ contact:
 - `is_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only contact
   that a motion with elastic impacts enters. It has no release, because the contact force never changes sign.
 - `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
-  starts on the wall, or if a speed underflows.
+  starts on the wall with speed 0, or if a speed underflows.
 
 A law whose chatter completes (`ImpactLaw.chatter_completes`) enters contact in finite time. It is released with speed 0
 at the phase where the force turns away from the wall: the beginning of `forcing.negative_arc` on Σ⁺, its end on Σ⁻. The
@@ -64,8 +64,8 @@ def chatter_completes(speed, pressing, gap, capture):
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """Return whether the motion stays on the wall.
 
-    It does if it has no speed into the gap and the contact force presses on the wall. A graze also arrives with speed
-    0, but leaves at once, because there the force points into the gap.
+    The motion stays if it has no speed into the gap and the contact force presses on the wall. A graze also arrives
+    with speed 0, but leaves at once, because the contact force points into the gap.
 
     Returns
     -------

@@ -2,11 +2,11 @@
 
     Φ'' + δΦ' = g(t),    g(t) = δq + e''(t) + δe'(t),    e(t) = ε cos 2πt,    q = 4π
 
-Kernels hold a phase as its sine and cosine, from which any harmonic follows. They hold the forcing as the argument
-`epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument, for which numba
-compiles these functions, and all kernels that call them, again. One cosine thus keeps its own fast code. Functions take
-both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to a
-number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
+Kernels hold a phase as its sine and cosine, from which any harmonic follows. They take the forcing as the argument
+`epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument. For this type numba
+compiles these functions again, and all kernels that call them, so that one cosine keeps its own fast code. Functions
+take both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to
+a number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
 These modules hold for one cosine only, and say so: A to D in closed form and their limits
 (`rattle.impacting.orbits.closed_form`, `limits`), the single arc of negative contact force (`negative_arc`, and the
@@ -97,7 +97,7 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def turned(step, sin0, cos0):
-        """Return the change of the sine, and the new cosine, from a phase to a time s later; `step` is versines(s)."""
+        """Return the change of the sine, and the new cosine, when time s has passed; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 

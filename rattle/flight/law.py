@@ -75,7 +75,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the unit in which differences of speeds compare with differences of phases; 1 at (0.6, 0.1, 0.6)."""
+    """Return the unit of speed differences, comparable to phase differences of 1; about 1 at (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 

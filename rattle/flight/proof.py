@@ -66,7 +66,7 @@ def off_edges(to_exit, arc_length, delta):
 
 @inline
 def single_turn(wall, rising, tau, s, turn, flight, arc):
-    """Return whether F' certainly changes sign at most once before s, given its sign at s.
+    """Return whether F' certainly changes sign at most once before s, given the sign of F' at s.
 
     rising: whether F' > 0 at s. turn: the estimated time of the change of sign.
 

@@ -97,8 +97,8 @@ def reduced(
 
         x'' = m₂γ₂V/μ + T₂/(r₂μ) − γx',      γ = (γ₁m₂ + γ₂m₁)/(m₁ + m₂),      1/μ = 1/m₁ + 1/m₂.
 
-    An imposed speed means m₁ = ∞. The equation is exact if γ₁ = γ₂. If not, it neglects (γ₂ − γ₁)(u − V), where u is
-    the speed of the common motion (`rate_error`).
+    An imposed speed means m₁ = ∞. The equation is exact if γ₁ = γ₂. If γ₁ ≠ γ₂, the equation neglects (γ₂ − γ₁)(u − V),
+    where u is the speed of the common motion (`rate_error`).
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ def components_of(
         Tooth numbers. Unless both are given, both gears turn at the same speed; without `teeth` there are no errors of
         the mesh.
     numbers : dict
-        Amplitudes in m by name: eccentricity, and those of `AMPLITUDES`.
+        Amplitudes in m by name: eccentricity, and the names in `AMPLITUDES`.
     errors, driven_errors : sequence of (int, amplitude, phase)
         Components by their order in the revolution of the first and of the second gear.
 

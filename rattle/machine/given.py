@@ -1,4 +1,4 @@
-"""Check the numbers of a machine: convert them to SI, and refuse numbers that must be in other units."""
+"""Check the numbers of a machine: convert quantities to SI, and refuse numbers that are probably in wrong units."""
 
 from collections.abc import Mapping
 from typing import Any

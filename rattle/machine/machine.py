@@ -11,9 +11,9 @@ without a load, φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt give the paper'
 
     δ = 2πc/(IΩ),      ε = e/r,      β = j/2r
 
-With drive "speed", Φ, ε and β of the model are twice these, and the stiffness is half. The derivation is in
-docs/decisions/0025-machine.md; docs/decisions/0065-two-gears.md has it for two different gears, which
-`conversion.reduced` reduces to one equation.
+With drive "speed", Φ, ε and β of the model are twice these values, and the model's stiffness is half as large. The
+derivation is in docs/decisions/0025-machine.md for two equal gears, and in docs/decisions/0065-two-gears.md for two
+different gears, which `conversion.reduced` reduces to one equation.
 """
 
 import math

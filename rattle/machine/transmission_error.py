@@ -1,4 +1,4 @@
-"""Measured transmission errors: read a table of angle and error, check it, and decompose it into orders."""
+"""Measured transmission errors: read and check a table of angles and errors, and decompose the errors into orders."""
 
 from __future__ import annotations
 

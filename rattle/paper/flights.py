@@ -1,4 +1,4 @@
-"""The acceleration Φ'' along flights: the paper claims that it is positive, and excludes flights where it is not."""
+"""The acceleration Φ'' along flights. The paper claims that Φ'' > 0, and does not consider flights with Φ'' < 0."""
 
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class WorstFlight(NamedTuple):
     name: the name of the orbit, A to D.
     smallest, delta, epsilon: the smallest Φ'', and the cell where it occurs.
     negative: the share of the cells in which Φ'' is negative somewhere on the orbit.
-    first: the smallest ε of these cells, NaN if there are none.
+    first: the smallest ε of the cells with negative Φ'', NaN if there are none.
     """
 
     name: str

@@ -19,9 +19,9 @@ HOLDS, FAILS = "holds", "fails"
 class Number:
     """A number that the paper states, and its computed value.
 
-    where: the figure or section. what: the quantity. paper: the number as the paper prints it.
-    computed: a value, or both ends of an interval that contains it.
-    finding: the key of the finding that explains why the two differ, "" if they should agree.
+    where: the paper's figure or section. what: the quantity. paper: the number as the paper prints it.
+    computed: the computed value, or both ends of an interval that contains this value.
+    finding: the key of the finding that explains why printed and computed number differ, "" if they should agree.
     """
 
     where: str
@@ -94,7 +94,7 @@ class Statement:
 class FindingEvidence:
     """A computed fact in support of a finding.
 
-    shows: the fact in words, with numbers. holds: whether the computation still shows it.
+    shows: the fact in words, with numbers. holds: whether the computation confirms this fact.
     """
 
     shows: str

@@ -38,7 +38,8 @@ class Estimate(NamedTuple):
 class Index(NamedTuple):
     """The Sobol indices of one number: its shares of the variance of an output.
 
-    first: the share that the number causes alone. total: the share with all of its interactions with other numbers.
+    first: the share that the number causes alone. total: the share that the number causes alone and in interaction with
+    other numbers.
     Sources: Sobol, Mathematics and Computers in Simulation 55 (2001) 271–280; for correlated numbers, whose first index
     may exceed the total one, Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946.
     """
@@ -97,7 +98,7 @@ class Population:
 
     @cached_property
     def passing(self) -> Estimate | None:
-        """The yield: the share of the judged gears that pass; None if the plan has no requirement.
+        """The yield: the share of gears that pass, of all that were tested; None if the plan has no requirement.
 
         Gears whose verdict is unknown widen the interval; in the value each of them counts as half a gear that passes.
         """
@@ -145,7 +146,7 @@ class Population:
         return {q: quantile(energy, q) for q in quantiles}
 
     def worst(self, most: int = WORST) -> tuple[Worst, ...]:
-        """Return the gears with the largest mean energy, or mean power in watts; most: their number."""
+        """Return the gears with the largest mean energy, or mean power in watts; most: the number of gears."""
         gears = self.gears
         quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.power
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]

@@ -34,7 +34,7 @@ class Copula:
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return the numbers (n, d) of rows of a random stream; a row depends on its number alone."""
+        """Return the numbers (n, d) of these rows of a random stream; each row depends only on the row's number."""
         root: Array = self._root  # type: ignore[attr-defined]
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows

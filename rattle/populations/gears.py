@@ -57,7 +57,7 @@ class Gears(NamedTuple):
 
 
 def computed(plan: Plan, start: int, stop: int) -> Gears:
-    """Compute the rows from start to stop of a population; a row depends on the plan and on its number alone."""
+    """Compute the rows from start to stop of a population; each depends only on the plan and the row's number."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)

@@ -135,7 +135,7 @@ def design_limits(
 
 
 def is_order(name: str) -> bool:
-    """Return whether a name is that of an amplitude by its order, such as harmonic_20 or error_20."""
+    """Return whether a name is the name of an amplitude with its order, such as harmonic_20 or error_20."""
     return bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
@@ -203,8 +203,8 @@ class _Solver:
     def _range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
-        It ends where no motion is quiet if this is known. Otherwise it reaches from a typical value divided by SPAN to
-        this value times SPAN.
+        The range ends at the value beyond which no motion is quiet, if this value is known. Otherwise the range reaches
+        from a typical value divided by SPAN to this value times SPAN.
 
         Returns
         -------
@@ -283,7 +283,7 @@ class _Solver:
                 machine_of({**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Follow `count` samples at a value, and count those that become quiet and those that are undecided.
+        """Follow `count` samples at a value, and count the quiet and the undecided samples.
 
         Returns
         -------
@@ -355,7 +355,7 @@ class _Solver:
         Returns
         -------
         tuple[float, float]
-            The safe value and the other one.
+            The value on the safe side, and the value on the other side.
         """
 
         def positive(i: int) -> bool:

@@ -1,4 +1,4 @@
-"""The plan of a population: which gears are computed from which states. A row depends on its number alone."""
+"""The plan of a population: which gears are computed from which states. A row is one gear, drawn by its number."""
 
 from __future__ import annotations
 

@@ -30,8 +30,8 @@ def population(
 ) -> Population:
     """Compute a population of gears that differ within their tolerances.
 
-    The result is determined by the arguments. A gear depends on its number alone, so the first gears of a larger
-    population are the same.
+    The same arguments give the same result. Each gear is drawn from its row number and the seed alone, so the first
+    gears of a larger population are the same.
 
     Parameters
     ----------

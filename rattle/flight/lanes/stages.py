@@ -52,7 +52,7 @@ def guess(b, groups):
 
 @inline
 def improve(b, groups):
-    """Improve the guess, where the force varies so much that its mean misleads."""
+    """Improve the guess on lanes where the contact force varies so much that its mean gives a poor guess."""
     for i in range(GROUP * groups):
         s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
         s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
@@ -248,7 +248,7 @@ def enter_contact(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Compute the flight of lane i by the search that cannot skip a crossing, unless it is in lasting contact."""
+    """Compute the flight of lane i by `safe_impact`, which cannot skip an impact; stop a lane in lasting contact."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
