@@ -1,4 +1,4 @@
-"""The stiff model: elastic walls (paper 2.1, 2.2). At a graze of the impacting gear this one has smooth folds."""
+"""The stiff model: elastic walls (paper 2.1, 2.2). Where the impacting gear has a graze, the stiff one has folds."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Stiff(Model):
     tile_samples = 4096  # a return takes a hundred times as long as that of the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # further cells would take longer than what they compile saves
+    compiled_at = (0.1,)  # computing further cells would take longer than it saves later
 
     @property
     def dwell(self) -> float:
-        """The duration of a short contact, half a period of free oscillations in contact, in forcing periods."""
+        """The duration of a short contact in forcing periods: half a period of free oscillation on the spring."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
