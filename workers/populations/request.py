@@ -20,7 +20,7 @@ from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS
 
 MAX_TILE_GEARS = 65_536
 FEWEST = 64  # a default tile has at least this many gears, unless each takes long
-LOOKED_AT = 64  # the least damping of this many gears determines the default tile
+LOOKED_AT = 64  # the size of a default tile follows from the least damping among this many gears
 
 
 class ShockGiven(Strict):
@@ -59,7 +59,7 @@ class PopulationRequest(Strict):
 
     @model_validator(mode="after")
     def _meant(self) -> Self:
-        """Refuse values that the library refuses; its ParameterError is a ValueError."""
+        """Refuse values that the library refuses: making the plan raises its ParameterError, which is a ValueError."""
         # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
@@ -101,7 +101,7 @@ class PopulationRequest(Strict):
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that the model adds to δ, ε and β, by name, for one of the gears."""
+        """Parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
@@ -113,7 +113,7 @@ class PopulationRequest(Strict):
 
     @property
     def shape(self) -> tuple[int]:
-        """Number of rows, which are the gears of all parts of the plan."""
+        """Shape of the table, in a tuple: its rows are the gears of all parts of the plan."""
         return (self.plan.rows,)
 
     @cached_property
@@ -129,7 +129,7 @@ class PopulationRequest(Strict):
 
     @property
     def n_cells(self) -> int:
-        """Number of rows, as a survey has a number of cells."""
+        """Number of rows (gears). It has the name that a survey's number of cells has."""
         return self.plan.rows
 
     @property
@@ -149,7 +149,7 @@ class PopulationRequest(Strict):
 
     @property
     def samples(self) -> int:
-        """The least number of states to follow, including the additional ones for judged gears."""
+        """The least number of states to follow, including additional states of the gears tested for passing."""
         judging = self.plan.looks[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.judging * judging
 

@@ -55,7 +55,7 @@ class PopulationVariable:
 
 
 def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
-    """Return the variables of a population. `status` is last: a tile whose status is written is complete."""
+    """Return the variables of a population. `status` is last, so a tile whose status is written is complete."""
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)
