@@ -124,14 +124,14 @@ def model_at(gear: AnyGear) -> Model:
 
 
 def model_with(parameters: Parameters, number: int = 0) -> Model:
-    """Return the model with the parameters of one point; number: the index of the point among the points."""
+    """Return the model at one of the points that `parameters` holds; number: the index of the point."""
     point = parameters.point(number)
     model = MODELS[parameters.model](**{name: point[name] for name in parameters.others})
     return with_harmonics(model, parameters.harmonics)
 
 
 def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
-    """Return the gear at one point; number: the index of the point among the points of `parameters`."""
+    """Return the gear at one of the points that `parameters` holds; number: the index of the point."""
     return model_with(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
 
 

@@ -103,7 +103,7 @@ class AnyGear(Protocol):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1, None where it does not exist."""
+        """Eccentricity of SN1, None where SN1 does not exist or is not computed."""
 
     def region(self) -> int:
         """Return the number of the region, an index of `REGIONS`."""
@@ -283,7 +283,7 @@ class Model(ABC):
         """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
-        """Return SN1, flip and quiet limit at one damping."""
+        """Return the eccentricities of SN1, of the flip of C and of the quiet limit, at one damping."""
         gear = self.gear(delta, 0.0)
         unknown = f"not computed at one damping for the {self.name} model"
         flip = MissingLimit("flip", unknown, None)

@@ -179,7 +179,7 @@ def _draw_plane(axes: Axes, plane: RestitutionPlane) -> None:
 
 
 def _edges(values: Array) -> tuple[float, float]:
-    """Return the first and the last value."""
+    """Return the first and the last value of an axis."""
     return float(values[0]), float(values[-1])
 
 

@@ -139,7 +139,7 @@ def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
 
 
 def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
-    """Return whether a motion of half the period, at or near its flip (a multiplier close to −1), is close to `at`."""
+    """Return whether a motion of half the period that is near its flip (multiplier −1) departs close to `at`."""
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)

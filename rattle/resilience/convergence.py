@@ -124,7 +124,7 @@ def convergence(
     """Return the times that the sample of `Gear.attractors` takes to reach its attractors.
 
     A sample has arrived when it departs from Σ⁺ nearer to its attractor than `within`. Distances are measured in the
-    (τ, v) plane, with v in units of √(16πδβ)/4.2. For quiet motion the distance is v in these units.
+    (τ, v) plane, with v in units of (1.5 √(16πδβ) + 2πε)/7. For quiet motion the distance is v in these units.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ def unit_of(gear: AnyGear) -> float:
 
 
 def same(one: Attractor, other: Attractor, unit: float) -> bool:
-    """Return whether two attractors of a gear have the same label and, if periodic, the same state. unit: of speeds."""
+    """Return whether two attractors of a gear have the same label and, if periodic, the same state."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
     near = abs(wrapped(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit

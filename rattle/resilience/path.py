@@ -36,7 +36,7 @@ CHAOS_THERE = -2
 
 
 class Change(NamedTuple):
-    """The begin or the end of a family between two steps of a path.
+    """The beginning or the end of a family between two steps of a path.
 
     family: the number of the family. step: the change is between the steps `step` and `step` + 1.
     begins: True if the family begins, False if it ends.
@@ -66,7 +66,7 @@ class GlobalContinuation:
     reached, but that were continued from a neighbouring step, have 0 samples. entered (rows,): True if the attractor
     was found only by such a continuation. family (rows,): the number of the attractor's family, 0 for quiet motion, −1
     for undecided samples. which (n, count): the row of the attractor that each sample reaches.
-    changes: the begins and ends of families, in order along the path.
+    changes: the beginnings and ends of families, in order along the path.
     quantities: the accumulated quantities of each sample (n, count), by name.
     """
 
@@ -155,7 +155,8 @@ def global_continuation(
     beta : float
         The half-backlash, if the path has no column of β.
     causes : bool
-        If True, find the cause of each begin and end of a family, by following its orbit. If False, `changes` is empty.
+        If True, find the cause of each beginning and end of a family, by following its orbit. If False, `changes` is
+        empty.
     quantities : Mapping[str, Make]
         Further quantities to accumulate for each sample: by name, a function that returns an `Accumulator`.
     periods : float
@@ -199,7 +200,7 @@ def global_continuation(
 
 
 class _Changes:
-    """Find the begins and ends of families along a path, and their causes.
+    """Find the beginnings and ends of families along a path, and their causes.
 
     here: for each step a mapping from the number of each family that exists there to its row in the table.
     """
@@ -295,7 +296,7 @@ class _Changes:
         return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is the attractor of a row of the table. unit: of speeds."""
+        """Return whether an attractor is the attractor in a row of the table. unit: the unit of speeds."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False

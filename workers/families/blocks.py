@@ -45,7 +45,7 @@ class Block:
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def kept(self, what: str) -> str:
-        """Return the key of a temporary file of the block, COMPONENTS or TARGETS. It exists during the join only."""
+        """Return the key of a temporary file of the block, COMPONENTS or TARGETS, which exists during the join only."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 

@@ -171,7 +171,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
 
 
 def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function that opens a pyramid level of a survey or slice by its path. number: of the slice, or None."""
+    """Return a function that opens a pyramid level by its path. number: of the slice; None without a third axis."""
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 

@@ -26,7 +26,8 @@ LOOKED_AT = 64  # the size of a default tile follows from the least damping amon
 class ShockGiven(Strict):
     """A knock that parts teeth in contact.
 
-    speed: in m/s for a machine, else in the model's unit. phase: in forcing periods, by default random.
+    speed: the speed with which the teeth part, in m/s for a machine and otherwise in the model's unit. phase: the phase
+    of the forcing at which the knock comes, in forcing periods; by default it is random.
     """
 
     speed: Real | AnyDistribution

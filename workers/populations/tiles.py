@@ -40,7 +40,7 @@ class GearTile:
 
     @property
     def at(self) -> tuple[slice, EllipsisType]:
-        """Index of the tile in a variable."""
+        """The index that selects the tile's rows in the array of a variable."""
         return self.gear, ...
 
 

@@ -28,7 +28,7 @@ LEAST_EPSILON = 1e-6  # NARROWEST counts from at least this ε, because a share 
 
 
 class Missing(NamedTuple):
-    """A curve that cannot be traced, and why."""
+    """Stands for a curve that cannot be traced. reason: why not, in words."""
 
     reason: str
 
@@ -71,7 +71,7 @@ class CurveVariable:
 
     @property
     def attributes(self) -> dict[str, str]:
-        """CF attributes."""
+        """The attributes of the stored array, by the CF conventions."""
         return {"long_name": self.long_name, "units": "1"}
 
 

@@ -51,7 +51,7 @@ def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
 
 
 def group_in(number: int | None, group: str) -> str:
-    """Return the path of a group in the store. number: the slice's; None for a survey without a third axis."""
+    """Return the path of a group of a slice. number: the number of the slice; None without a third axis."""
     return group_path(() if number is None else (number,), group)
 
 

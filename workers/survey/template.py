@@ -105,7 +105,7 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
 
 
 def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Return the pattern of each variable's chunk keys: {row} and {column}, and {slice} if there is a third axis."""
+    """Return each variable's pattern of chunk keys, with {row}, {column} and, if there is a third axis, {slice}."""
     first = ["c", *(SLICE for _ in request.third_axis)]
     return {
         quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
@@ -160,7 +160,7 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return the attribute `coordinates`, which CF requires of the root, and attributes for a machine's numbers."""
+    """Return attributes for a machine's numbers, and `coordinates`, where CF wants auxiliary coordinates named."""
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [*(name for name in fixed(request) if name != request.third), *(AXES if machine else ())]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}

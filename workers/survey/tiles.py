@@ -55,7 +55,7 @@ class Tile:
 
     @property
     def at(self) -> tuple[int | EllipsisType | slice, ...]:
-        """Index of the tile in a variable."""
+        """The index that selects the tile's cells in the array of a variable."""
         return *self.along, ..., self.epsilon, self.delta
 
 

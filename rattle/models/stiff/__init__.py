@@ -62,7 +62,7 @@ class Stiff(Model):
         return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
 
     def limits(self, delta: float) -> Limits:
-        """Return SN1 and quiet limit at one damping."""
+        """Return the eccentricities of SN1 and of the quiet limit, at one damping; the flip of C is not computed."""
         found = super().limits(delta)
         flip = MissingLimit("flip", "not computed at one damping for stiff walls; the curve PDC has it", None)
         return found._replace(missing=(*found.missing[:-1], flip))

@@ -54,11 +54,11 @@ class LevelBlock:
 
     @property
     def at(self) -> tuple[int | EllipsisType | slice, ...]:
-        """Index of the block in a variable of the survey."""
+        """The index that selects the block's cells in the array of a variable of the survey."""
         return *self.along, ..., self.epsilon, self.delta
 
     def at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
-        """Return the index of the block in a variable of a level."""
+        """Return the index that selects the block's cells in the array of a variable of a level."""
         spans = zip((self.epsilon, self.delta), level.cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
@@ -99,7 +99,7 @@ def levels_of(shape: Pair) -> tuple[Level, ...]:
 
 
 def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
-    """Return for each level how many cells of the next finer level one of its cells covers: 1 or 2 along each axis."""
+    """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 

@@ -51,9 +51,10 @@ def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
 
 def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
-    """Return an upper bound, with confidence `sure`, of the share of wrong cells if `wrong` of `of` drawn are wrong.
+    """Return an upper bound of the share of wrong cells, with confidence `sure`.
 
-    It is the upper end of the one-sided interval of Clopper and Pearson, Biometrika 26 (1934) 404.
+    of: the number of cells that were drawn at random. wrong: how many of these cells are wrong. The bound is the upper
+    end of the one-sided interval of Clopper and Pearson, Biometrika 26 (1934) 404.
 
     Returns
     -------

@@ -104,7 +104,7 @@ class Blocks:
         return Leaves(block, row, column, half).of(there)
 
     def square(self, leaves: Leaves) -> Square:
-        """Return the cells of leaves."""
+        """Return the cells of these leaves; positions outside the grid are flagged in `inside`."""
         along = np.arange(leaves.size + 1)
         row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
         block = leaves.block[:, None]

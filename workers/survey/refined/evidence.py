@@ -63,7 +63,7 @@ class Evidence:
         self._continue(found.take(found.kind == PERIODIC))
 
     def _continue(self, periodic: Attractors) -> None:
-        """Continue orbits of computed cells through all cells of their blocks."""
+        """Continue the periodic orbits of computed cells to all cells of their blocks."""
         row, column = np.divmod(periodic.cell, self.blocks.shape[1])
         for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last, strict=True)):
             top, left, height, width = (int(x) for x in corner)

@@ -59,7 +59,7 @@ class RefinedCells(Cells):
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """Return the values of a variable. Values that a filled cell cannot have, or has otherwise, are adapted."""
+        """Return the values of a variable. Some variables need another formula, or are NaN, in filled cells."""
         if quantity.name == "attractor_fraction_upper":
             return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":

@@ -58,7 +58,7 @@ def sure_of(number: int) -> float:
 
 
 def first_round(audit: float, bound: float | None, cells: int) -> Round:
-    """Return the first round of audits of a survey. audit: the least share of cells to audit. cells: their number."""
+    """Return the first round of audits of a survey. audit: the least share to audit. cells: the number of cells."""
     if bound is None:
         return Round(audit)
     needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)

@@ -115,7 +115,7 @@ class Quantity:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """CF attributes."""
+        """The attributes of the stored array, by the CF conventions."""
         attributes: dict[str, Any] = {"long_name": self.long_name, "units": "1", "references": self.reference}
         if self.flags:
             attributes |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
