@@ -284,7 +284,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     lines += [_cross(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
     _legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, tuple(notes))
 
 

@@ -20,7 +20,7 @@ from rattle.errors import require, require_integer
 Label = tuple[int, int, int]
 
 KIND_COLOURS = {"quiet": "#17386e", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
-#: Colours of single types.
+#: The types with a fixed colour. All other types have a colour by rule.
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
     (1, 1, 1): "#fbd4b1",  # light orange

@@ -13,7 +13,7 @@ from rattle.plot.labels import Array, Labels
 from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
 
 CRISIS, STABLE = "#e08214", "#1f5fa8"
-#: Lengths of the drawn parts of the unstable and the stable manifold.
+#: Arclengths of the drawn parts of the unstable and of the stable manifold.
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
 #: Margin around W^u(A), as a share of its extent.
 SHOWN = 0.25
@@ -40,7 +40,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 

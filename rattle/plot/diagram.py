@@ -111,7 +111,7 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
         labels = Labels(panel, lines)
         _marks(panel, labels, diagram, which, scale, offset)
         _names(panel, labels, curves, which, one=which == "v" and not diagram.added)
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return figure
 
 

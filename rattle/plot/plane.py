@@ -164,7 +164,7 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
         labels.along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.along(name, line, 7, MARKED["color"])
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, tuple(notes))
 
 

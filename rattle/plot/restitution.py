@@ -34,7 +34,7 @@ SHOWN = {
     "undecided": KIND_COLOURS["undecided"],
 }
 QUIET_ALONE, ONE, BOTH, OTHER, CONTACT, UNDECIDED, CHAOTIC = range(7)
-#: Scale of the largest Lyapunov exponent of chaos, per forcing period; larger values have the colour of the end.
+#: Colour scale of the largest Lyapunov exponent of chaos, per forcing period; larger exponents have the last colour.
 EXPONENTS = Normalize(0.0, 1.6)
 CHAOS = ListedColormap(colormaps["Reds"](np.linspace(0.35, 1.0, 256)), name="chaos")
 #: Restitutions r at which a marker is drawn on the curves.

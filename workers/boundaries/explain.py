@@ -25,7 +25,7 @@ MOST_CURVES = 100  # at most this many curves of motions of higher period are co
 WORTH_A_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
 #: Curves of motions with more impacts are not traced, because such a curve takes seconds and explains few pairs.
 LONGEST_TRACED = 16
-#: Points of a traced curve across the survey. Few suffice, because its crossings of grid lines are solved for.
+#: Number of points of a curve across the survey. Few suffice, because crossings with grid lines are computed exactly.
 COARSE = 30
 ORBITS = ("A", "B", "C", "D")
 

@@ -67,7 +67,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
     each : Each
         Function that runs a task for each block.
     at_once : int
-        Number of tiles that are moved to their slots before the manifest is written again.
+        Number of tiles whose attractors are moved to their slots at the same time.
 
     Raises
     ------
@@ -194,7 +194,7 @@ class _Join:
             For each block an array: for each component of the block the number of the survey's component to which it
             belongs. The last entry is NO_FAMILY, so that component −1 (undecided samples) has no family.
         """
-        from scipy.sparse import coo_array  # here, because it takes an eighth of a second to load
+        from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
         begin = np.cumsum([0, *(part.number for part in parts)])

@@ -76,7 +76,7 @@ def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, i
     dict[int, tuple[int, int, float]]
         By code: row and column of the cell, and its distance in cells from the nearest cell with another code.
     """
-    from scipy.ndimage import distance_transform_edt  # here, because it takes a fifth of a second to load
+    from scipy.ndimage import distance_transform_edt  # imported here, because it takes a fifth of a second to load
 
     places = {}
     for code in asked:

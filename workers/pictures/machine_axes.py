@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.machine import AXES
 
 MICROMETRES = 1e6  # per metre
 LABELS = ("speed, rpm", "eccentricity, µm")
-STEPS = 6  # the usual number of steps between ticks
+STEPS = 6  # an axis has about this many steps between ticks
 NEAREST = 0.1  # least distance between two ticks, as a share of the axis
 
 

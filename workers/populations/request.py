@@ -69,7 +69,7 @@ class PopulationRequest(Strict):
                     f"{name} must be at most {each.greatest:g}, and its distribution goes up to {value.range[1]:.3g}: "
                     f"cut it off (high={each.greatest:g})"
                 )
-        with np.errstate(all="ignore"):  # extreme but allowed numbers overflow in between
+        with np.errstate(all="ignore"):  # allowed but extreme numbers may overflow in intermediate results
             size = self.tile_shape[0]
         if size * self.count > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")

@@ -22,7 +22,7 @@ from pydantic_core import PydanticCustomError
 from gear_rattle.workers.errors import SurveyError
 from rattle.errors import did_you_mean
 
-#: Strict: neither True nor "0.6" is a number here.
+#: A finite number in a request. It is strict: True and "0.6" are refused.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 

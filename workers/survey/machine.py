@@ -76,7 +76,7 @@ def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, flo
     """Return the range of δ for an axis of speeds ("rpm"), or of ε for eccentricities. Raises ParameterError."""
     if name == "rpm":
         return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
-    any_speed = 1.0  # rpm: ε does not depend on it
+    any_speed = 1.0  # in rpm; ε does not depend on the speed
     return machine.at(any_speed, axis.start).epsilon, machine.at(any_speed, axis.stop).epsilon
 
 

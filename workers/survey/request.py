@@ -60,13 +60,13 @@ LEAST_TILES = 16
 MOST_TILES = 100
 LARGER = 16  # the default tile of a large survey has at most this many times the samples of other default tiles
 BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; such a tile takes a second or two
-BASIN_SAMPLES = 4096  # states that a cell follows at a time if basins are computed
-MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
+BASIN_SAMPLES = 4096  # number of states of a cell that are followed at a time if basins are computed
+MAX_TILE_CELLS = 65_536  # largest number of cells of a tile, whose results take some 50 MB in a worker
 MAX_TILE_REGIONS = 1_048_576  # the same limit for a refined survey of regions alone, where a cell has a few bytes
 #: A default tile of a refined survey of regions is higher than wide by the square of this factor, because the closed
 #: forms of all cells of a column share constants.
 TALL = 4
-MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
+MAX_TILE_SAMPLES = 4_194_304  # largest number of samples of a tile, which take some 300 MB while a worker follows them
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # rules for the slot of an attractor
 #: Default numbers of slots: SLOTS, or MORE_SLOTS if the survey begins below the damping MANY_ATTRACTORS.
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1
@@ -455,7 +455,7 @@ class SurveyRequest(_Numbers):
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
-        if self.refine is not None:  # few of its cells are computed
+        if self.refine is not None:  # few cells of a refined tile are computed, so it may be larger
             side = min(2 * side, math.isqrt(self._most_tile_cells))
             tall = TALL if self._refines_regions else 1
             return max(side * tall // BLOCK, 1) * BLOCK, max(side // tall // BLOCK, 1) * BLOCK

@@ -23,7 +23,7 @@ GRACE_SECONDS = 2.0  # seconds that running tiles have to end after a stop
 #: Failures of the computer, not of a cell. They are never stored, because results must not depend on the computer.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
-FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
+FailedCell = tuple[int, int, str]  # indices of the cell along ε and along δ, and the message of its failure
 TileArrays = dict[str, np.ndarray]
 CellOutcome = TileArrays | str  # a cell's values, or the reason why there are none
 
@@ -151,7 +151,7 @@ def compute_tile(
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.at(tile.along))
-    # Curves of a model without closed form take minutes to trace, so its tiles do without.
+    # Curves of a model without closed form take minutes to trace, so tiles of such a model are refined without curves.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound combines the audits of all slices, so each slice draws other cells. Without a bound, a slice draws the
     # same cells, and so has the same values, as a survey of this plane alone.

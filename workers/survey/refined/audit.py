@@ -61,6 +61,6 @@ def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
     float
         1 if `of` is 0.
     """
-    from scipy.special import betaincinv  # here, because it takes a tenth of a second to load
+    from scipy.special import betaincinv  # imported here, because it takes a tenth of a second to load
 
     return float(betaincinv(wrong + 1, of - wrong, sure)) if wrong < of else 1.0

@@ -17,8 +17,8 @@ SEEN = (QUIET, CHAOTIC, UNDECIDED)
 FEW = 12  # two cells differ if a motion has at least this many samples in one of them, and none in the other
 #: Closed forms are computed for at most this many cells at once, sorted by column, because a column shares constants.
 MOST = 65_536
-#: If no sample of an audited cell goes to a motion that the leaf's edges have, the cell disagrees if the probability of
-#: this is below SURELY.
+#: An audited cell disagrees if none of its samples goes to a motion that the leaf's edges have, and the probability of
+#: this by chance is below SURELY.
 SURELY = 1e-3
 
 

@@ -63,7 +63,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
 
 def related(existing: GridPiece) -> Related:
     """Return the orbits of a block, grouped into branches."""
-    from scipy.sparse import coo_array  # here, because it takes an eighth of a second to load
+    from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
     orbits, n = existing.orbits, existing.n

@@ -23,8 +23,8 @@ class Cells:
     do not depend on the other cells, so a cell has the same values, bit by bit, in any block.
     """
 
-    delta: np.ndarray  # (n_delta,)
-    epsilon: np.ndarray  # (n_epsilon,)
+    delta: np.ndarray  # dampings, shape (n_delta,)
+    epsilon: np.ndarray  # eccentricities, shape (n_epsilon,)
     model: Model
     sample: SampleSpec
     is_sampled: bool  # whether attractors are computed

@@ -87,7 +87,7 @@ def _worst(field: str) -> Evaluate:
 
     def evaluate(cells: Cells) -> np.ndarray:
         cell = cells.attractors.cell
-        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN last
+        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN is sorted last
         worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
         values = _of_attractors(cells, field)[worst]
         return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)
