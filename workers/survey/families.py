@@ -180,8 +180,9 @@ def with_empty(source: np.ndarray) -> np.ndarray:
 def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
     """Assign to each family one slot for all its cells.
 
-    together (k, 2): pairs of families that occur in the same cell, the smaller number first. families, slots: their
-    numbers. In the order of their numbers, each family gets the lowest slot that is free in all its cells.
+    together (k, 2): pairs of families that occur in the same cell, the smaller number first. families, slots: how many
+    families and how many slots there are. Families are assigned in the order of their numbers; each gets the lowest
+    slot that is free in all its cells.
 
     Returns
     -------
