@@ -45,7 +45,7 @@ class OrbitEnd:
     """The end of an orbit between two points of a path.
 
     cause: why the orbit ends. low, high: the orbit ends between these shares of the way from the first point to the
-    second. orbit: the orbit at the second point, None if it does not exist there.
+    second. orbit: the orbit at the second point, None if it was not followed that far.
     """
 
     cause: str
